@@ -291,23 +291,20 @@ def _worth_more(
         return False  # what mends so little and has no size is no cause
     limit = band.speed_limit(THRESHOLDS.remainder_false_alarm)
     # Of what laws that depart may leave, a little is left over: it has no name, down to the noise.
-    departs = left < (1 - THRESHOLDS.further_effect_of_remainder) * band.speed_excess(
-        smaller.residual
-    )
+    rest, limits = band.speed_excess(smaller.residual), THRESHOLDS
+    departs = left < (1 - limits.further_effect_of_remainder) * rest
     whole = found.left(larger) <= limit and not departs
-    # Nor has it mended a law if next to nothing is left, whether the smaller set's depart or not.
-    structured = band.speed_excess(smaller.residual)
-    whole |= (
-        gain > THRESHOLDS.relative * left
-        and exact > THRESHOLDS.nearly_all_of_remainder * structured
-    )
+    # One effect that leaves next to nothing of it has not mended a law; two may mend any.
+    one = len(larger.effects) == len(smaller.effects) + 1
+    if one:
+        whole |= gain > limits.relative * left and exact > limits.nearly_all_of_remainder * rest
     if not gain > THRESHOLDS.least_gap * band.samples:
         return False  # what matters to no prediction
     if earned(smaller.effects, larger.effects, gain, left, gap, whole):
         return True
     if _current_shows(found, smaller, larger):
         return True
-    if departing:
+    if departing or not one:
         return False
     # Exact laws that leave the noise alone are believed before laws that depart from the machine's.
     # Beside what the smaller set leaves, the simulation's error is as good as noise.

@@ -75,7 +75,7 @@ def test_a_sensors_departure_is_no_push_of_the_motor():
     assert taken > 0.95 * left > 500
 
 
-@pytest.mark.parametrize("by", [0.0, 0.3])
+@pytest.mark.parametrize("by", [0.0, 0.3, 0.5])
 def test_a_departure_is_given_no_name(by):
     """The friction is named, and neither drag nor heating that would mend its law."""
     experiments = record(MOTOR, friction_that_rises(by), volts=VOLTS, count=6)
