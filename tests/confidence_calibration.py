@@ -25,6 +25,7 @@ from scipy.optimize import minimize
 from ldt_core.base.arrays import Array
 from ldt_core.base.result_files import write
 from ldt_core.diagnosis.confidence import GROUNDS, LEAST, MOST, TABLE, probability, regression
+from tests.challenge_table import BINS
 
 KEPT = Path(__file__).parents[1] / "bags" / "confidence_cases.json"
 #: Grounds of each kind of verdict; `none` has no search behind it that could speak for it. Of all
@@ -38,7 +39,6 @@ TAKEN = {
 RIDGE = 1.0  # of squared slopes, of grounds in their own deviations: a case's worth of doubt
 FEWEST = 12  # cases of a kind, below which only their rate is taken
 FOLDS = 10
-BINS = ((0.0, 0.5), (0.5, 0.7), (0.7, 0.85), (0.85, 0.95), (0.95, 1.0))
 Known = tuple[str, dict[str, float], bool]
 
 
@@ -54,6 +54,11 @@ def cases(folders: Sequence[Path]) -> list[Known]:
             verdict = json.loads(text)["verdict"]
             found.append((regression(verdict["kind"]), verdict["grounds"], bool(case["right"])))
     return found
+
+
+def kept_cases() -> list[Known]:
+    """Those that the table is fitted to."""
+    return [(kind, grounds, right) for kind, grounds, right in json.loads(KEPT.read_text("utf-8"))]
 
 
 def fitted(known: Sequence[Known], kind: str) -> dict[str, Any]:
@@ -90,7 +95,8 @@ def foretold(known: Sequence[Known], kind: str) -> tuple[Array, Array]:
     own = [c for c in known if c[0] == kind]
     found = np.zeros(len(own))
     for fold in np.array_split(np.random.default_rng(0).permutation(len(own)), FOLDS):
-        made = fitted([c for i, c in enumerate(own) if i not in set(fold.tolist())], kind)
+        left_out = set(fold.tolist())
+        made = fitted([c for i, c in enumerate(own) if i not in left_out], kind)
         found[fold] = [probability(made, own[i][1]) for i in fold]
     return found, np.array([right for *_, right in own])
 
@@ -117,7 +123,7 @@ def main() -> None:
     given = parser.parse_args()
     if given.folders:
         write(KEPT, "[\n" + ",\n".join(map(json.dumps, cases(given.folders))) + "\n]\n")
-    known = [(kind, grounds, right) for kind, grounds, right in json.loads(KEPT.read_text("utf-8"))]
+    known = kept_cases()
     made = {kind: fitted(known, kind) for kind in TAKEN}
     about = {n: GROUNDS[n] for kind in TAKEN for n in made[kind]["slopes"]}
     write(TABLE, json.dumps({**made, "grounds": about}, indent=1) + "\n")

@@ -96,10 +96,9 @@ class EffectSetSearch(SetFits):
             if self.spent or not best or self.band.excess(best[0].residual) < enough:
                 break
             if count > 1 and not self._gained(count):
+                if count >= (SIZE_TRIED_ANYWAY if self._room_for_more(best[0]) else 2):
+                    break
                 bases = 1
-            tried = SIZE_TRIED_ANYWAY if self._room_for_more(best[0]) else 2
-            if count >= tried and not self._gained(count):
-                break
         for size in range(1, count + 1):
             self._finish(size)
         return self.found

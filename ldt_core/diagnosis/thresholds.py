@@ -92,7 +92,10 @@ class Thresholds:
         0.95, OF_REMAINDER, CASES, "What takes away so much mends no law, however small it is."
     )
     relative: float = _limit(
-        0.9, OF_REMAINDER, CASES, "What a relative takes beside a law that departs: nearly all."
+        0.9,
+        OF_REMAINDER,
+        CASES,
+        "What a further effect takes beside a law that departs: nearly all.",
     )
     same_family_of_gap: float = _limit(
         0.06, OF_GAP, CASES, "A law that is a little off looks like a second effect of its family."

@@ -291,13 +291,13 @@ def _worth_more(
         return False  # what mends so little and has no size is no cause
     limit = band.speed_limit(THRESHOLDS.remainder_false_alarm)
     # Of what laws that depart may leave, a little is left over: it has no name, down to the noise.
-    rest, limits = band.speed_excess(smaller.residual), THRESHOLDS
-    departs = left < (1 - limits.further_effect_of_remainder) * rest
+    rest = max(band.speed_excess(smaller.residual), 0.0)
+    departs = left < (1 - THRESHOLDS.further_effect_of_remainder) * rest
     whole = found.left(larger) <= limit and not departs
     # One effect that leaves next to nothing of it has not mended a law; two may mend any.
     one = len(larger.effects) == len(smaller.effects) + 1
-    if one:
-        whole |= gain > limits.relative * left and exact > limits.nearly_all_of_remainder * rest
+    if one and exact > THRESHOLDS.nearly_all_of_remainder * rest:
+        whole |= gain > THRESHOLDS.relative * left
     if not gain > THRESHOLDS.least_gap * band.samples:
         return False  # what matters to no prediction
     if earned(smaller.effects, larger.effects, gain, left, gap, whole):
@@ -308,13 +308,12 @@ def _worth_more(
         return False
     # Exact laws that leave the noise alone are believed before laws that depart from the machine's.
     # Beside what the smaller set leaves, the simulation's error is as good as noise.
-    left = max(band.speed_excess(smaller.residual), 0.0)
-    if band.speed_excess(larger.residual) > max(limit, THRESHOLDS.law_error**2 * left):
+    if band.speed_excess(larger.residual) > max(limit, THRESHOLDS.law_error**2 * rest):
         return False
     # What is plainly there the further effect may then explain however small it is, though laws
     # that depart could as well: what leaves noise alone says more than what may be anything.
-    whole = left > THRESHOLDS.plainly_structured * limit
-    return earned(smaller.effects, larger.effects, exact, left, gap, whole)
+    whole = rest > THRESHOLDS.plainly_structured * limit
+    return earned(smaller.effects, larger.effects, exact, rest, gap, whole)
 
 
 def _current_shows(found: FittedSets, smaller: EffectFit, larger: EffectFit) -> bool:

@@ -257,8 +257,9 @@ class VerdictReport:
         scale = OWN_SCALE if self.machine.calibration.get("equivalent") else ""
         ends = last if ended else ""
         more = self._may_act_too()
-        spent = "the search ended at its limit of work: other sets of effects were not tried"
-        early = spent if self.search.spent and self.decision.kind != "none" else ""
+        spent = self.search.spent and self.decision.kind != "none"
+        limit = "the search ended at its limit of work: other sets of effects were not tried"
+        early = limit if spent else ""
         told = (f"{few} {same}" if cut else "", self.beside, clock, first, ends, scale, more, early)
         return [note for note in told if note]
 

@@ -18,7 +18,7 @@ from ldt_core.diagnosis.diagnosis import Gap, HeldOutErrors
 from ldt_core.diagnosis.effect_fit import EffectFit
 from ldt_core.diagnosis.sentence import sentence
 from ldt_core.effects import get_effect
-from tests.confidence_calibration import KEPT, TAKEN, cases, fitted, foretold
+from tests.confidence_calibration import TAKEN, cases, fitted, foretold, kept_cases
 
 
 @pytest.mark.parametrize("kind", ["none", "effect", "ambiguous", "unknown"])
@@ -69,7 +69,7 @@ def test_a_regression_finds_what_speaks_against_a_verdict(tmp_path):
 
 def test_the_table_is_fitted_to_the_cases_that_are_kept():
     """Anyone can make it again, and see how it foretells cases that it was not fitted to."""
-    known = [tuple(c) for c in json.loads(KEPT.read_text(encoding="utf-8"))]
+    known = kept_cases()
     for kind, names in TAKEN.items():
         made = fitted(known, kind)
         assert made["cases"] == table()[kind]["cases"]
