@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from ldt_core.base.experiment import Experiment
-from ldt_core.base.threads import one_thread
+from ldt_core.base.threads import cores, one_thread
 from ldt_core.diagnosis.candidate import Candidate
 from ldt_core.diagnosis.diagnosis import Diagnosis
 from ldt_core.diagnosis.effect_set_search import EffectSetSearch
@@ -52,12 +51,12 @@ def diagnose(
         effects: candidates; None takes the library. One that is known of the machine is a candidate
             for what has become of it.
         refit: parameters of the machine to fit with every set, see `nominal_prior`.
-        workers: threads; None takes one for each processor.
+        workers: threads; None takes one for each core that it may use.
 
     Raises:
         BadInput: too little to go by.
     """
-    workers = workers or os.cpu_count() or 1
+    workers = workers or cores()
     experiments, repeated = without_repeats(experiments)
     experiments, short = without_fragments(experiments)
     trusted, fault = sound(machine, experiments)

@@ -29,8 +29,9 @@ CUTS = 2  # halvings at once: a jump or a bend asks for several
 EASE = 1 / 8  # of the bend that a step may have: of a shorter one, twice as long a step has that
 MOST_ROUNDS = 24  # of Newton's method for one step: it needs three or four, or ten at a bend
 LEAST_SHARE = 1e-3  # of a Newton step, before the next one is tried
-FEWEST_ROUNDS = 4  # where states beside speed and current are found by repetition
-SOLVED = 1e-8  # of the largest speed and current: the last change of a step that is solved
+STAYED = 1e-5  # of the effects' states, at their largest: the last change of a step that is solved
+ROUNDS_TO_STAY = 4  # in which such states come as near as the method is exact, and a foundation's
+SOLVED = 1 / 30  # of `bend`: the last change of a step that is solved
 DIFFERENCE = 1e-6  # of the same, for the slopes of the terms: a hundredth of a brush's 0.1 V
 SLOW = 0.1  # of the change before: a change that shrinks by less asks for new slopes
 
@@ -187,7 +188,8 @@ def collocate(
     g1, g2 = np.zeros((2, 2)), np.zeros((2, 2))
     m, r, x = np.zeros((4, 4)), np.zeros(4), np.zeros(4)
     x0, dx = np.zeros(4), np.zeros(4)
-    fewest = FEWEST_ROUNDS if count > 0 or len(y) > 3 else 1
+    solved_at = SOLVED * bend
+    largest = np.abs(z)
     halvings = table.third.shape[1] - 1
     units = 1 << halvings
     known = False
@@ -219,9 +221,13 @@ def collocate(
                 rounds += 1
                 y1 = _at(y, h, 5 / 12, k1, -1 / 12, k2, x[0], x[1])
                 y2 = _at(y, h, 3 / 4, k1, 1 / 4, k2, x[2], x[3])
+                stayed = len(y) == 3
                 for j in range(count):
+                    last_z = z2[j]
                     z1[j] = z[j] + h * (5 / 12 * d1[j] - 1 / 12 * d2[j])
                     z2[j] = z[j] + h * (3 / 4 * d1[j] + 1 / 4 * d2[j])
+                    largest[j] = max(largest[j], abs(z2[j]))
+                    stayed = stayed and abs(z2[j] - last_z) <= STAYED * largest[j]
                 k1, a1, u1 = _added(y1, t + h / 3, v, z1, d1, c, terms)
                 k2, a2, u2 = _added(y2, t + h, v, z2, d2, c, terms)
                 for j in range(2):
@@ -231,7 +237,7 @@ def collocate(
                     r[2 + j] += w21[j, 0] * a1 + w21[j, 1] * u1 + w22[j, 0] * a2 + w22[j, 1] * u2
                 fast, much = max(top, abs(x[2])), max(most, abs(x[3]))
                 off = max(max(abs(r[0]), abs(r[2])) / fast, max(abs(r[1]), abs(r[3])) / much)
-                if terms is not None and off > SOLVED and not off < miss and share > LEAST_SHARE:
+                if terms is not None and off > solved_at and not off < miss and share > LEAST_SHARE:
                     # Beyond a bend of a term Newton's step leads too far: take less of it.
                     share, known = 0.5 * share, False
                     for j in range(4):
@@ -257,7 +263,7 @@ def collocate(
                 change = max(max(abs(r[0]), abs(r[2])) / fast, max(abs(r[1]), abs(r[3])) / much)
                 if not change < np.inf:
                     break
-                if change <= SOLVED and turn + 1 >= fewest:
+                if change <= solved_at and (stayed or turn + 1 >= ROUNDS_TO_STAY):
                     solved = True
                     break
                 if change > SLOW * last:

@@ -200,7 +200,7 @@ class MotorDriven(Physics):
         if plan.fast:
             failed, rounds = _collocated(
                 *(edges, volts, steps, samples, begin, own, k, states, tracked, used),
-                *(plan.values, most, BEND_IN_SEARCH if least_step > 0 else BEND, plan.halvings),
+                *(plan.values, most, BEND_IN_SEARCH if least_step > 0 else BEND, plan.finest),
             )
             if work is not None:
                 usual = USUAL_ROUNDS * int(steps.sum())
@@ -241,7 +241,7 @@ class MotorDriven(Physics):
         solved = [effect.terminal is not None and not effect.states for effect, _ in terms]
         electrical = [r for r, one in zip(rates, solved, strict=True) if one]
         fast = max([motor_rate(values), *electrical]) * MAX_STEP > MAX_STEP_RATE
-        halvings, explicit, asked = 0, False, rates
+        finest, explicit, asked = 0.0, False, rates
         if fast:  # then the current is solved for, and asks for no shorter steps
             settled = max(values["L"], SETTLED * values["R"] * memory(values))
             own_rate = self.rate({**values, "L": settled}, most)
@@ -260,10 +260,11 @@ class MotorDriven(Physics):
         rate = max(own_rate, *rates) if rates else own_rate
         step = max(min(max_step, MAX_STEP_RATE / rate), least_step)
         if fast:
-            halvings = math.ceil(math.log2(step / finest) - STEP_SHARE)
             blind = all(e.torque is not None and "current" not in e.reads for e, _ in terms)
             explicit = blind and steepest * step <= WORTH_SHORTER * MAX_STEP_RATE + STEP_SHARE
-            step = min(step, MAX_STEP_RATE / steepest) if explicit else step
+            # Collocation halves a step where a term bends: no other limit is needed.
+            longest = max(MAX_STEP_RATE / rate, least_step)
+            step = min(step, MAX_STEP_RATE / steepest) if explicit else longest
         if end / step > MAX_STEPS:
             raise BadInput(
                 "machine parameters",
@@ -285,7 +286,7 @@ class MotorDriven(Physics):
         rigid = bool(c.unbalance == 0 and not first[3:STATES].any())
         quiet = QUIET_CHANGE * values["K_t"] * most / values["R"], QUIET_CHANGE * most
         steps = step, calm, watched, quiet
-        return Plan(values, coefficients_of(c), *steps, first, rigid, fast, explicit, halvings)
+        return Plan(values, coefficients_of(c), *steps, first, rigid, fast, explicit, finest)
 
     def discretised(self, values: Values, period: float) -> tuple[Array, Array]:
         """Ad (n, n), Bd (n,) of the linear system over a sample period [s], exactly."""
@@ -336,7 +337,7 @@ def _collocated(
     values: Values,
     most: float,
     bend: float,
-    halvings: int,
+    finest: float,
 ) -> tuple[int, int]:
     """`fast_current.collocate` with its table of moves; see there."""
     from ldt_core.physics.fast_current import collocate, moves
@@ -346,6 +347,7 @@ def _collocated(
     _, first, kind = np.unique(
         np.round(np.log(length) / SAME_LENGTH), return_index=True, return_inverse=True
     )
+    halvings = max(0, math.ceil(math.log2(length.max() / finest) - STEP_SHARE))
     table = moves(c, length[first], halvings)
     volt = max(most, abs(begin[SPEED]) * values["K_t"], abs(begin[CURRENT]) * values["R"], TINY)
     scale = (volt / values["K_t"], volt / values["R"])

@@ -76,7 +76,7 @@ class Plan(NamedTuple):
     `step` and `calm` are the longest steps [s], and those to try first; `watched` and `quiet` as
     for `effect.gather`; `first` (7 + own,) the first state with the effects'; `rigid` whether three
     states are enough; `fast` whether the current is solved for, and then `explicit` whether that
-    takes no more than its exponential, else `halvings` of a step at most.
+    takes no more than its exponential, else `finest` how short a step may become [s].
     """
 
     values: Values
@@ -89,7 +89,7 @@ class Plan(NamedTuple):
     rigid: bool
     fast: bool
     explicit: bool
-    halvings: int
+    finest: float
 
 
 class Plans(Protocol):
