@@ -16,6 +16,14 @@ def amount(value: float, unit: str) -> str:
     return (f"{value * 1e3:.3g} mm" if unit == "m" else f"{value:.3g} {unit}").rstrip()
 
 
+def reads_the_same(effect: Effect, before: Mapping[str, float], after: Mapping[str, float]) -> bool:
+    """Whether nobody could tell these amounts apart as they are printed."""
+    was = {**effect.neutral, **before}
+    return all(
+        amount(was[p.name], p.unit) == amount(after[p.name], p.unit) for p in effect.parameters
+    )
+
+
 def change_of(effect: Effect, before: Mapping[str, float], after: Mapping[str, float]) -> str:
     """What has become of an effect: "unbalance has grown to 6.1 mm".
 

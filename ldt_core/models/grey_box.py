@@ -14,7 +14,7 @@ from ldt_core.base.experiment import Experiment, Prediction
 from ldt_core.base.pausable import Pausable, finished
 from ldt_core.base.sentences import listed, spoken
 from ldt_core.effects import EFFECTS
-from ldt_core.effects.change_description import change_of
+from ldt_core.effects.change_description import change_of, reads_the_same
 from ldt_core.estimation.effect.start_angle import FoundAngle, believe, together
 from ldt_core.estimation.grey_box import ANGLES, COARSE_STEP, Case, GreyBox, Prior
 from ldt_core.estimation.misfit import misfit, noise_in, setting
@@ -313,7 +313,7 @@ class GreyBoxModel(Model):
         said = []
         for effect in self.effects:
             was = old.get(effect.name, effect.neutral)
-            if self.given[effect.name] != was:
+            if not reads_the_same(effect, was, self.given[effect.name]):
                 said.append(change_of(effect, was, self.given[effect.name]))
         said += [f"{spoken(name)} has gone" for name in old if name not in self.given]
         if said and self.parameters["alike"]:

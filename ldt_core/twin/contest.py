@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ldt_core.base.experiment import FAILED, Action, Adaptation, Experiment, Level, Signal, rms
+from ldt_core.base.experiment import FAILED, Action, Adaptation, Experiment, Level, Signal
 from ldt_core.models.base import Model
 from ldt_core.models.grey_box import GreyBoxModel
 from ldt_core.twin.adaptor import PASSED_OVER, ROLLED_BACK, Adaptor
@@ -19,17 +19,19 @@ from ldt_core.twin.memory import Memory
 from ldt_core.twin.original_watch import OriginalWatch
 from ldt_core.twin.search_backoff import SearchBackoff
 from ldt_core.twin.stage import Archive, RecordedStep
-from ldt_core.twin.training_data import VALID_ERROR_RATIO
 from ldt_core.twin.version_errors import (
     BETTER,
     alike,
     explaining,
     explains,
+    fails_before,
     fit_of,
     largest_error,
     pays,
     rms_error,
     same,
+    squared_error,
+    unexplained,
 )
 
 #: In the details of an adaptation: what is searched for, or learns, competes later.
@@ -127,8 +129,7 @@ class ContestAdaptor(Adaptor):
             found, details[ORIGINAL] = (self.original, f"is the original again, which {where}"), 1.0
             self.watch = OriginalWatch()
         known = self._explaining if signal.level is Level.WARNING else None
-        other = known is not None and known is not self.model
-        if found is None and known and other and self._foreseen(known, experiment) is known:
+        if found is None and known and self._returns(known, experiment) is known:
             found = known, f"is version {known.version} again"
         if found is None:
             return None
@@ -202,6 +203,12 @@ class ContestAdaptor(Adaptor):
                 self.chain.rename(there, here)
         self._apart = apart
 
+    def _returns(self, version: Model, experiment: Experiment) -> Model | None:
+        """What is foreseen where another version explains the experiment; None where none does."""
+        if version is self.model or self._fails_before(version, experiment):
+            return None
+        return self._foreseen(version, experiment)
+
     def _foreseen(self, version: Model, experiment: Experiment) -> Model:
         """Which will err least in the next one: this version, which explains it, the present one or
         the original, of which people know how it errs.
@@ -214,33 +221,35 @@ class ContestAdaptor(Adaptor):
 
     def _learn(self, experiment: Experiment) -> tuple[Action, str, dict[str, float]]:
         self.memory.clear()
-        before = self.model
-        present = rms(before.predict(experiment).residual(experiment))
-        version = self._explaining
+        before, version = self.model, self._explaining
+        stays = f"version {before.version} stays"
+        present = rms_error(before, experiment)
         if self._learning:
             about = self.learned_from, self._recent(experiment), experiment
             more, why = self.candidates.learned_more(before, *about)
             if more is not None:
                 return self._learned_by(more, "estimates its causes anew", experiment, {})
             if version is before and why:
-                return Action.REFUSED, f"{why}; version {before.version} stays", {}
-        if version is not None and version is not before:
-            next_one = self._foreseen(version, experiment)
+                return Action.REFUSED, f"{why}; {stays}", {}
+        if version and (next_one := self._returns(version, experiment)):
             origin = f"is version {next_one.version} again"
             if next_one is not version:
-                said = f"version {version.version} explains it, but the machine changes so often"
-                origin = f"{said} that version {next_one.version} will err less"
+                often = f"version {version.version} explains it, but the machine changes so often"
+                origin = f"{often} that version {next_one.version} will err less"
                 if alike(next_one, before):
                     return Action.REFUSED, origin, {}
             self._adopt(next_one.again(before.version + 1))
             return Action.ADAPTED, self._reason(before, experiment, origin), {}
         search = CauseSearch(self.candidates, self._question(experiment))
         over = search.explain(self._steps)
+        said = "no known cause explains it"
         if search.cause is not None:
-            return self._learned_by(*search.cause, experiment, {})
+            if not self._fails_before(search.cause[0], experiment):
+                return self._learned_by(*search.cause, experiment, {})
+            said = "the cause that explains it fails in the experiments before"
         if search.idle:
             why = "what its causes explain does not pay for another version"
-            return Action.REFUSED, f"{why}; version {before.version} stays", {}
+            return Action.REFUSED, f"{why}; {stays}", {}
         details: dict[str, float] = {}
         judged = self.unexplained(experiment)  # in one alone a version errs less by luck
         waits = f"searches wait for {self.backoff.wait} more experiments"
@@ -252,17 +261,15 @@ class ContestAdaptor(Adaptor):
             self.backoff.failed(present)
         beaten = (before, self.original)
         flexible = self.candidates.at_once(self._grey(), beaten, judged[-POOL:])
-        if flexible is not None:
-            origin = "does better in what was held back from it, no known cause explains it"
+        if flexible is not None and not self._fails_before(flexible, experiment):
+            origin = f"does better in what was held back from it, {said}"
             return self._learned_by(flexible, origin, experiment, details)
-        rivals = (self.original, *self.earlier)
-        nearest = min(rivals, key=lambda m: sum(rms_error(m, e) ** 2 for e in judged))
-        if pays(nearest, before, judged) and self._foreseen(nearest, experiment) is nearest:
+        nearest = min((self.original, *self.earlier), key=lambda m: squared_error(m, judged))
+        if pays(nearest, before, judged) and self._returns(nearest, experiment) is nearest:
             self._adopt(nearest.again(before.version + 1))
             origin = f"is version {nearest.version} again, which errs least"
             return Action.ADAPTED, self._reason(before, experiment, origin), details
-        stays = f"version {before.version} stays"
-        return Action.REFUSED, f"no known cause explains it, {then}; {stays}", details
+        return Action.REFUSED, f"{said}, {then}; {stays}", details
 
     def _keep(self, search: CauseSearch, judged: Sequence[Experiment], over: bool) -> None:
         """Go on with a search at later experiments."""
@@ -292,17 +299,13 @@ class ContestAdaptor(Adaptor):
         return f"since experiment {experiment.number}: {change}; {words}" if change else words
 
     def unexplained(self, experiment: Experiment) -> list[Experiment]:
-        """The newest experiments that neither the present model nor the original explains, as far
-        as the present one errs as much in them: behind a change that nobody explains it errs more.
-        """
-        pool = [experiment]
-        least = rms_error(self.model, experiment) / VALID_ERROR_RATIO
-        for e in reversed(self._recent(experiment)):
-            known = explains(self.model, e) or explains(self.original, e)
-            if known or rms_error(self.model, e) < least:
-                break
-            pool.insert(0, e)
-        return pool
+        """The newest experiments that nobody explains."""
+        return unexplained(self.model, self.original, self._recent(experiment), experiment)
+
+    def _fails_before(self, model: Model, experiment: Experiment) -> bool:
+        """Whether a model that explains the newest experiment is none of this machine."""
+        about = experiment, self.learned_from, self._recent(experiment)
+        return fails_before(model, self.model, *about)
 
     def _trained(
         self, search: CauseSearch | None, experiment: Experiment, signal: Signal
@@ -313,11 +316,8 @@ class ContestAdaptor(Adaptor):
         pool = search.question.pool
         # Nobody explains them, no candidate has learned from them. One alone is fitted by luck.
         judged = [e for e in self.unexplained(experiment) if all(e is not p for p in pool)]
-
-        def squared(model: Model) -> float:
-            return sum(rms_error(model, e) ** 2 for e in judged)
-
-        best = min(search.models, key=squared, default=None)
+        learned = [m for m in search.models if not self._fails_before(m, experiment)]
+        best = min(learned, key=lambda m: squared_error(m, judged), default=None)
         if best is None or not all(pays(best, m, judged) for m in (self.model, self.original)):
             return None
         origin = f"learned from experiment {pool[-1].number} and does best in this one"
@@ -325,7 +325,8 @@ class ContestAdaptor(Adaptor):
             # A cause tells more than a flexible model.
             anew = CauseSearch(self.candidates, self._question(experiment))
             anew.explain(self._steps)
-            return anew.cause or (best, origin)
+            if anew.cause is not None and not self._fails_before(anew.cause[0], experiment):
+                return anew.cause
         return best, origin
 
     def _grey(self) -> Model:

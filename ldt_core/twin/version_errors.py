@@ -11,10 +11,14 @@ from ldt_core.estimation.misfit import EXPLAINED, misfit, setting
 from ldt_core.estimation.noise import correlation_time
 from ldt_core.models.base import Model
 from ldt_core.models.grey_box import GreyBoxModel
+from ldt_core.twin.training_data import VALID_ERROR_RATIO
 
 #: A model comes into force on data that it has not learned from if its error is less than this part
 #: of the present one's: chance makes the errors of equally good models differ by less.
 BETTER = 0.95
+#: Errors of one machine's experiments differ by less than this factor, and those of another one by
+#: more. With 1.5 or 3 in its place ...
+FAR = 2.0
 
 
 def alike(one: Model, other: Model) -> bool:
@@ -41,6 +45,11 @@ def rms_error(model: Model, experiment: Experiment) -> float:
         return rms(model.predict(experiment).residual(experiment))
     except LdtError:
         return float("inf")
+
+
+def squared_error(model: Model, judged: Sequence[Experiment]) -> float:
+    """Mean squares of its errors, summed up over the experiments [(rad/s)^2]."""
+    return sum(rms_error(model, e) ** 2 for e in judged)
 
 
 def fit_of(
@@ -91,7 +100,7 @@ def pays(model: Model, present: Model, judged: Sequence[Experiment], learned: in
     Args:
         learned: how many parameters the model has learned from the experiments that judge it.
     """
-    errors = [sum(rms_error(m, e) ** 2 for e in judged) for m in (model, present)]
+    errors = [squared_error(m, judged) for m in (model, present)]
     if not errors[0] < BETTER**2 * errors[1]:
         return False
     return errs_less([model.predict(e).residual(e) for e in judged], errors[1], learned)
@@ -118,3 +127,45 @@ def errs_less(left: Sequence[Samples], present: float, learned: int = 0) -> bool
 def gains(model: GreyBoxModel, present: Model, experiment: Experiment) -> bool:
     """Whether one that has learned from an experiment pays there."""
     return pays(model, present, [experiment], learned=model.box.size)
+
+
+def fails_before(
+    model: Model,
+    present: Model,
+    experiment: Experiment,
+    learned: Sequence[Experiment],
+    recent: Sequence[Experiment],
+) -> bool:
+    """Whether a model that explains the newest experiment fails in those before, though the machine
+    has hardly changed: it follows what the laws lack, or noise.
+
+    The machine has changed where the present model errs far more than in all that it stands for.
+    Where it has changed less than that, its model errs in those before as the present one does now.
+
+    Args:
+        present: the model in force.
+        experiment: the newest.
+        learned: those that the present one has learned from; none where they are not known.
+        recent: those before the newest.
+    """
+    known = [e for e in learned if e.same_period(experiment)]
+    since = max((e.start for e in known), default=math.inf)
+    known += [e for e in recent if e.start > since]
+    now = rms_error(present, experiment)
+    changed = all(now > FAR * rms_error(present, e) for e in known)
+    return not changed and any(rms_error(model, e) > FAR * now for e in known)
+
+
+def unexplained(
+    present: Model, original: Model, recent: Sequence[Experiment], experiment: Experiment
+) -> list[Experiment]:
+    """The newest experiments that neither the present model nor the original explains, as far as
+    the present one errs as much in them: behind a change that nobody explains it errs more.
+    """
+    pool = [experiment]
+    least = rms_error(present, experiment) / VALID_ERROR_RATIO
+    for e in reversed(recent):
+        if explains(present, e) or explains(original, e) or rms_error(present, e) < least:
+            break
+        pool.insert(0, e)
+    return pool
