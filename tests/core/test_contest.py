@@ -22,6 +22,7 @@ from ldt_core.restart.stage_restart import TwinRestart
 from ldt_core.runs.offline import run
 from ldt_core.twin.cause_search import CauseSearch, Question
 from ldt_core.twin.loop import Twin
+from ldt_core.twin.version_errors import fails_before
 
 pytestmark = pytest.mark.slow
 
@@ -330,3 +331,29 @@ def test_a_search_that_is_long_goes_on_at_later_experiments(monkeypatch, tmp_pat
     for step, other in zip(again.steps(stream[2:]), whole[2:], strict=True):
         assert step.adaptation == other.adaptation
         assert np.array_equal(step.prediction.speed, other.prediction.speed)
+
+
+@pytest.mark.parametrize(
+    ("present", "model", "fails"),
+    [
+        ([0.5, 0.6, 0.8], [9.0, 9.0, 0.4], True),  # the machine has hardly changed
+        ([0.5, 0.6, 0.8], [0.9, 0.4, 0.4], False),  # nor does the model claim that
+        ([0.3, 0.3, 5.0], [6.0, 9.0, 0.4], False),  # it has changed, by as much
+        ([0.3, 3.0, 5.0], [6.0, 12.0, 0.4], True),  # it erred so before
+    ],
+)
+def test_what_explains_the_newest_experiment_alone_replaces_nothing(present, model, fails):
+    """Unless the present model errs there far more than in all that it stands for."""
+    pool = [ldt.Experiment(i, 10.0 * i, 0.01, np.zeros(4), np.zeros(4)) for i in (1, 2, 3)]
+
+    def erring(errors):
+        left = dict(zip((1, 2, 3), errors, strict=True))
+        return SimpleNamespace(
+            predict=lambda e: SimpleNamespace(residual=lambda e: np.full(4, left[e.number]))
+        )
+
+    *known, newest = pool
+    for learned, recent in ((known, []), (known[:1], known), (known[1:], [])):
+        found = fails_before(erring(model), erring(present), newest, learned, recent)
+        assert found is fails
+    assert not fails_before(erring(model), erring(present), newest, [], known)  # not known
