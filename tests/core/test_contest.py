@@ -346,10 +346,11 @@ def test_what_explains_the_newest_experiment_alone_replaces_nothing(present, mod
     """Unless the present model errs there far more than in all that it stands for."""
     pool = [ldt.Experiment(i, 10.0 * i, 0.01, np.zeros(4), np.zeros(4)) for i in (1, 2, 3)]
 
-    def erring(errors):
+    def erring(errors, machine="dc_motor"):
         left = dict(zip((1, 2, 3), errors, strict=True))
         return SimpleNamespace(
-            predict=lambda e: SimpleNamespace(residual=lambda e: np.full(4, left[e.number]))
+            machine=ldt.Machine(machine),
+            predict=lambda e: SimpleNamespace(residual=lambda e: np.full(4, left[e.number])),
         )
 
     *known, newest = pool
@@ -357,3 +358,5 @@ def test_what_explains_the_newest_experiment_alone_replaces_nothing(present, mod
         found = fails_before(erring(model), erring(present), newest, learned, recent)
         assert found is fails
     assert not fails_before(erring(model), erring(present), newest, [], known)  # not known
+    shaking = erring(present, "rotor")  # that a little catches
+    assert not fails_before(erring(model), shaking, newest, known, [])
