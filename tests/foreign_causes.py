@@ -137,16 +137,22 @@ CAUSES: Mapping[str, tuple[Callable[[float, Array, Array], Array], int]] = {
 def turned(name: str, u: Array) -> Array:
     """(experiments, samples) speed as its sensor shows it, from rest [rad/s]."""
     rate, states = CAUSES.get(name, (healthy, 0))
-    y, speed, t, step = np.zeros((3 + states, len(u))), np.empty(u.shape), 0.0, PERIOD / FINER
+    return integrated(rate, states, u)[3 if name == "slow_sensor" else 1]
+
+
+def integrated(rate: Callable[[float, Array, Array], Array], states: int, u: Array) -> Array:
+    """(3 + states, experiments, samples) angle, speed, current and a cause's own, from rest."""
+    y, t, step = np.zeros((3 + states, len(u))), 0.0, PERIOD / FINER
+    found = np.empty((len(y), *u.shape))
     for i in range(u.shape[1]):
-        speed[:, i], v = y[3 if name == "slow_sensor" else 1], u[:, i]
+        found[..., i], v = y, u[:, i]
         for _ in range(FINER):
             a = rate(t, y, v)
             b = rate(t + step / 2, y + step / 2 * a, v)
             c = rate(t + step / 2, y + step / 2 * b, v)
             d = rate(t + step, y + step * c, v)
             y, t = y + step / 6 * (a + 2 * b + 2 * c + d), t + step
-    return speed
+    return found
 
 
 def answer(name: str, over_noise: float, samples: int, volts: tuple[float, float]) -> Any:

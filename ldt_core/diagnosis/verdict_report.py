@@ -52,7 +52,7 @@ from ldt_core.diagnosis.nominal import (
 )
 from ldt_core.diagnosis.nominal_prior import NOMINAL, NominalPrior, merged
 from ldt_core.diagnosis.promise import determined, further_interval
-from ldt_core.diagnosis.recorded_times import wrong_clock
+from ldt_core.diagnosis.recorded_units import misread
 from ldt_core.diagnosis.residual_torque import (
     TorqueEstimator,
     added_torque,
@@ -183,7 +183,7 @@ class VerdictReport:
         grounds = all_grounds(d.grounds, acting, over, bool(self.objection))
         best = d.best.use if d.best else []
         sought = d.kind != "none" and not self.faulty
-        clock = wrong_clock(self.machine, self.held, was, noise) if sought else ""
+        units = misread(self.machine, self.held, was, noise) if sought else ""
         depends = []
         if d.structured:
             torque = residual_torque(self.residuals, best, d.best.starts if d.best else None)
@@ -204,7 +204,7 @@ class VerdictReport:
             ambiguities=self._all_groups(groups, acting),
             next_experiment=self._next(),
             refit=refit,
-            notes=self._notes(clock),
+            notes=self._notes(units),
             effects=_told(self.machine, self.use),
             alternatives=[_told(self.machine, f.use) for f in d.alike[1:] if self.named],
             seen=_seen([*self.fitted, *self.held]),
@@ -246,7 +246,7 @@ class VerdictReport:
         found = added_torque(self.residuals, none, self.use, self.named.starts)
         return [*places(found), *steady_places(found, self.use)]
 
-    def _notes(self, clock: str) -> list[str]:
+    def _notes(self, units: str) -> list[str]:
         cut = {e.number for e in self.fitted} & {e.number for e in self.held}
         few = f"fewer than {FEWEST_EXPERIMENTS} experiments: each was cut into parts, some of them"
         odd = ((e.number, doubt(self.machine, e)) for e in [*self.fitted, *self.held])
@@ -260,7 +260,7 @@ class VerdictReport:
         spent = self.search.spent and self.decision.kind != "none"
         limit = "the search ended at its limit of work: other sets of effects were not tried"
         early = limit if spent else ""
-        told = (f"{few} {same}" if cut else "", self.beside, clock, first, ends, scale, more, early)
+        told = (f"{few} {same}" if cut else "", self.beside, units, first, ends, scale, more, early)
         return [note for note in told if note]
 
     def _may_act_too(self) -> str:

@@ -203,7 +203,7 @@ def _too_fast(machine: Machine, e: Experiment) -> str:
     if speed <= most:
         return ""
     words = f"a speed of {speed:.4g} rad/s at up to {volts:.4g} V"
-    return f"{words}, {most:.4g} at most by the machine file"
+    return f"{words}, {most:.4g} at most by the machine file: another unit, or another machine"
 
 
 def _too_slow(machine: Machine, e: Experiment) -> str:

@@ -13,6 +13,7 @@ from ldt_core.diagnosis.diagnose import diagnose
 from ldt_core.effects import get_effect, parse_effect
 from ldt_core.machine.machine_file import machine_from_dict
 from ldt_core.physics.base import FreeRun, Work
+from ldt_core.physics.motor_driven import ROUND_PRICE, USUAL_ROUNDS
 from ldt_core.physics.side_by_side import ALONE
 
 MOTOR = machine_from_dict(
@@ -73,4 +74,4 @@ def test_without_a_voltage_a_step_is_solved_as_soon_as_with_one():
     run = FreeRun(MOTOR.parameters, volts, PERIOD, first, use, work=work)
     ((_, states),) = MOTOR.model.simulate_all([run], 5e-3, 0.5e-3)
     assert np.abs(states[:, 1]).max() > 1.0
-    assert work.steps < (ALONE + 20) * volts.size
+    assert work.steps < (ALONE + 4 * USUAL_ROUNDS * ROUND_PRICE) * volts.size
