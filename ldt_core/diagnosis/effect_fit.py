@@ -10,7 +10,7 @@ import numpy as np
 
 from ldt_core.base.arrays import Array
 from ldt_core.base.sentences import spoken
-from ldt_core.diagnosis.candidate import START_PHASES, Candidate, turning
+from ldt_core.diagnosis.candidate import START_PHASES, Candidate
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals, Used
 from ldt_core.diagnosis.nominal_prior import NominalCandidate
 from ldt_core.diagnosis.start_states import SEARCH_STEP, StartStates, turns
@@ -97,7 +97,7 @@ def _other_phases(members: Sequence[Candidate], z: Array) -> list[Array]:
     parameters = [(c, j) for c in members for j in range(len(c))]
     found = []
     for k, (c, j) in enumerate(parameters):
-        if not turning(c.parameters[j]):
+        if not c.parameters[j].turns:
             continue
         for part in range(START_PHASES):
             moved = z.copy()

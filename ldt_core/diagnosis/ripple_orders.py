@@ -16,7 +16,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from ldt_core.base.arrays import Array
-from ldt_core.diagnosis.candidate import Candidate, turning
+from ldt_core.diagnosis.candidate import Candidate
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
 from ldt_core.diagnosis.start_states import StartStates
 from ldt_core.diagnosis.thresholds import THRESHOLDS
@@ -83,7 +83,7 @@ def begun_at(
     candidate: Candidate, ripples: Sequence[Ripple], but: Collection[float] = ()
 ) -> list[Array]:
     """Coordinates of a law of the angle at the strongest, but for these orders; [] of another."""
-    angles = [p for p in candidate.parameters if turning(p)]
+    angles = [p for p in candidate.parameters if p.turns]
     if ORDER not in candidate.effect.neutral or not angles:
         return []
     (angle, *_), found = angles, []

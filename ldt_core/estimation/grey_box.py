@@ -116,6 +116,12 @@ class GreyBox:
         """How many coordinates there are."""
         return self.low.size
 
+    @property
+    def sized(self) -> list[int]:
+        """Coordinates of the effects' parameters but for angles within a turn."""
+        k = len(self.uncertain)
+        return [k + j for j, (_, p) in enumerate(self._parameters) if not p.turns]
+
     def values(self, q: Array) -> tuple[dict[str, float], Use]:
         """The machine's parameters, and the effects with all their values."""
         k = len(self.uncertain)

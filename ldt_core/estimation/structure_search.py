@@ -13,7 +13,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -110,6 +110,17 @@ class FittedStructure:
         return self.fit.cost + float(told - before)
 
 
+def _told(box: GreyBox, fit: GreyBoxFit, expected: Array) -> Array:
+    """(n,) coordinates of a fit; an effect's parameter that the experiments do not tell from where
+    it is expected is there: what it would cost is less than one standard deviation of noise.
+    """
+    q = fit.q.copy()
+    for j in box.sized:
+        if (q[j] - expected[j]) ** 2 * fit.information[j, j] < 1.0:
+            q[j] = expected[j]
+    return q
+
+
 class StructureSearch(Screening):
     """The structures of one machine, screened and fitted; arguments as of `Screening`."""
 
@@ -141,6 +152,7 @@ class StructureSearch(Screening):
     ) -> Pausable[FittedStructure]:
         fit = yield from fit_grey_box(self.problem(box, prior), starts, near=near, sized=sized)
         yield box.work.taken()
+        fit = replace(fit, q=_told(box, fit, np.zeros(box.size) if near is None else near))
         own = box.size - len(box.uncertain)
         return FittedStructure(box, fit, prior, fit.cost + own * math.log(self._samples))
 

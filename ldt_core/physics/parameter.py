@@ -48,6 +48,11 @@ class Parameter:
         return math.isfinite(value) and above and value <= self.high
 
     @property
+    def turns(self) -> bool:
+        """Whether it is an angle that may be anything within one turn."""
+        return self.unit == "rad" and math.isclose(self.high - self.low, 2 * math.pi)
+
+    @property
     def range(self) -> str:
         """The bounds in words, for messages."""
         left = "above" if self.open_low else "at least"

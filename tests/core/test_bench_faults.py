@@ -5,7 +5,19 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.bench_faults import CHANGES, EXPERIMENTS, FAULTS, after_the_change, experiments
+from ldt_core.base.pausable import finished
+from ldt_core.effects import get_effect
+from ldt_core.estimation.grey_box import GreyBox, Prior
+from ldt_core.estimation.structure_screening import Present
+from ldt_core.models.grey_box import GreyBoxModel
+from tests.bench_faults import (
+    CHANGES,
+    EXPERIMENTS,
+    FAULTS,
+    after_the_change,
+    experiments,
+    motor_on_a_bench,
+)
 
 HALF = EXPERIMENTS // 2
 
@@ -35,3 +47,22 @@ def test_no_cause_of_one_experiment_replaces_what_was_right_before():
     """A filter and a drag that no law describes: 12 % were left where causes came and went."""
     twin, original = after_the_change("filter", "cubic", 1)
     assert twin < 0.09 * original
+
+
+@pytest.mark.slow
+def test_what_an_experiment_does_not_tell_stays_where_it_is_expected():
+    """Friction backward, of a shaft that turns forward alone; noise asked for 0.3 N m."""
+    e = experiments("load", "again", seed=1)[19]
+    assert e.speed.min() > -1.0
+    friction = get_effect("asymmetric_friction")
+    model = GreyBoxModel(motor_on_a_bench())
+    for expected in ({}, {"torque_forward": 0.02, "torque_backward": 0.03}):
+        given = {friction.name: friction.check(expected)}
+        search = model.search_on([e])
+        box = GreyBox(model.machine, (friction,), model.machine.tolerances)
+        near = box.coordinates(given, np.zeros(len(box.uncertain))) if expected else None
+        present = Present((), {}, Prior.of_file(len(box.uncertain)))
+        found = finished(search.fitted(present, (friction,), near))
+        ((_, amounts),) = found.box.values(found.fit.q)[1]
+        assert 0.015 < amounts["torque_forward"] < 0.025
+        assert abs(amounts["torque_backward"] - expected.get("torque_backward", 0.0)) < 0.01
