@@ -111,8 +111,10 @@ class FittedStructure:
 
 
 def _told(box: GreyBox, fit: GreyBoxFit, expected: Array) -> Array:
-    """(n,) coordinates of a fit; an effect's parameter that the experiments do not tell from where
-    it is expected is there: what it would cost is less than one standard deviation of noise.
+    """(n,) coordinates of a fit, those of effects where they are expected if that hardly costs.
+
+    What an experiment does not tell, a fit may move anywhere: friction backward, where a shaft has
+    turned forward. Less than one squared deviation of noise tells nothing.
     """
     q = fit.q.copy()
     for j in box.sized:

@@ -60,8 +60,9 @@ class ContestAdaptor(Adaptor):
     5. what comes nearest of all these. They compete when they have learned, at an experiment from
        which none of them has: those that no search holds up at the next one (`cause_search`).
 
-    Over ten experiments the twin's largest errors may sum to 1.1 times the original's; beyond, the
-    original comes into force again.
+    None comes into force that fails in what the present model stands for (`fails_before`). Over ten
+    experiments the twin's largest errors may sum to 1.1 times the original's; beyond, the original
+    comes into force again.
 
     Args:
         model: to begin with, of kind grey_box.
@@ -303,7 +304,6 @@ class ContestAdaptor(Adaptor):
         return unexplained(self.model, self.original, self._recent(experiment), experiment)
 
     def _fails_before(self, model: Model, experiment: Experiment) -> bool:
-        """Whether a model that explains the newest experiment is none of this machine."""
         about = experiment, self.learned_from, self._recent(experiment)
         return fails_before(model, self.model, *about)
 
