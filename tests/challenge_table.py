@@ -154,12 +154,12 @@ def picture(found: Mapping[str, Any], folder: Path) -> None:
             at, value = statistics.fmean(c["confidence"] for c in inside), right.value or 0.0
             ends = [[value - right.low], [right.high - value]]
             axes.errorbar([at], [value], yerr=ends, fmt="o", color=style.INK)
-            beside = (4, -10 if value > 0.1 else 4)  # above the axis
-            axes.annotate(str(len(inside)), (at, value), beside, textcoords="offset points")
+            how = {"textcoords": "offset points", "ha": "center"}
+            axes.annotate(str(len(inside)), (at, right.high or 0.0), (0, 4), **how)
         axes.set_xlabel("confidence stated (mean of a bin)")
         axes.set_ylabel("share that was right")
         axes.set_xlim(0, 1.02)
-        axes.set_ylim(0, 1.02)
+        axes.set_ylim(0, 1.1)
         return figure
 
     about = ("confidence stated and observed", "shares", "points beside the diagonal")
