@@ -147,8 +147,8 @@ def proposed_import(file: str) -> tuple[str, str]:
     Raises:
         RecordingError: no table, or one without names that has a cell which is no number.
     """
+    from ldt_core.base.units import propose_fields
     from ldt_core.recording.csv_table import CsvTable
-    from ldt_core.recording.units import propose_fields
 
     table = CsvTable(file)
     shown = table.names[:MOST_COLUMNS]

@@ -9,12 +9,12 @@ import numpy as np
 
 from ldt_core.base.experiment import Experiment
 from ldt_core.base.sentences import listed
+from ldt_core.base.units import UNITS
 from ldt_core.diagnosis.diagnosis import HeldOutErrors
 from ldt_core.diagnosis.holdout import errors, free_run
 from ldt_core.diagnosis.recorded_times import wrong_clock
 from ldt_core.diagnosis.thresholds import THRESHOLDS
 from ldt_core.machine.machine_file import Machine
-from ldt_core.recording.units import UNITS
 
 #: Of the larger of both motions' power, a gap: the unit nearest to rad/s, or the sign, makes more.
 LEAST_GAP = 0.5

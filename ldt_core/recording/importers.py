@@ -12,12 +12,12 @@ import numpy as np
 from ldt_core.base.errors import OptionError, RecordingError
 from ldt_core.base.experiment import Experiment
 from ldt_core.base.sentences import counted
+from ldt_core.base.units import UNITS, Field, parse_field, propose_fields
 from ldt_core.machine.experiment_limits import LATEST, SHORTEST_PERIOD
 from ldt_core.physics.parameter import LARGEST
 from ldt_core.recording.csv_table import CsvTable
 from ldt_core.recording.message_fields import parse_field_path, read_fields
 from ldt_core.recording.storage import Storage
-from ldt_core.recording.units import UNITS, Field, parse_field, propose_fields
 from ldt_core.segmenter import CHANNELS, Segmenter, build_rule
 from ldt_core.segmenter.cut_rules import LEAST_SAMPLES
 from ldt_core.segmenter.resampling import (

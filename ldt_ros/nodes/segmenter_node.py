@@ -13,9 +13,9 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 
 from ldt_core.base.errors import LdtError, OptionError, RecordingError
 from ldt_core.base.experiment import Experiment
+from ldt_core.base.units import parse_field
 from ldt_core.recording.message_fields import number_in, parse_field_path
 from ldt_core.recording.node_status import LEFT_OUT, NodeStatus
-from ldt_core.recording.units import parse_field
 from ldt_core.restart.recorded_run import END
 from ldt_core.segmenter import CHANNELS, Segmenter, build_rule
 from ldt_core.segmenter.cut_rules import SteadyRule

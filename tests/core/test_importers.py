@@ -13,10 +13,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ldt_core.base.errors import BadInput, OptionError, RecordingError
+from ldt_core.base.units import UNITS, parse_field, propose_fields
 from ldt_core.recording.bag import experiments
 from ldt_core.recording.importers import import_file
 from ldt_core.recording.messages import typestore
-from ldt_core.recording.units import UNITS, parse_field, propose_fields
 from ldt_core.recording.writer import BagWriter
 from ldt_core.segmenter.resampling import Series, resample
 
