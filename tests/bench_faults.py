@@ -15,8 +15,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import ldt_core as ldt
-from ldt_core.machine.machine_file import machine_from_dict
-from tests.foreign_causes import PERIOD, B, J, K, L, R, integrated, motor
+from tests.foreign_causes import PERIOD, TRUE, integrated, motor
+from tests.motors import motor_file
 from tests.page_table import write_table
 
 Array = np.ndarray
@@ -125,16 +125,7 @@ CHANGES: Mapping[str, tuple[str, Callable[[Array], Array], Callable[[Array, Arra
 
 def motor_on_a_bench() -> ldt.Machine:
     """Its file."""
-    return machine_from_dict(
-        {
-            "name": "bench",
-            "physics": "dc_motor",
-            "parameters": {"J": J, "K_t": K, "R": R, "L": L, "b": B},
-            "limits": {"voltage": [-24, 24]},
-            "experiment": {"duration": SAMPLES * PERIOD, "sample_period": PERIOD},
-        },
-        "bench",
-    )
+    return motor_file(TRUE, SAMPLES, PERIOD)
 
 
 def experiments(fault: str, change: str, seed: int) -> list[ldt.Experiment]:

@@ -20,9 +20,10 @@ import numpy as np
 from ldt_core.base.experiment import Experiment, rms
 from ldt_core.calibration.calibrate import calibrate
 from ldt_core.diagnosis.diagnose import diagnose
-from ldt_core.machine.machine_file import machine_from_dict
+from tests.motors import motor_file
 
 J, K, R, L, B = 1e-3, 0.05, 0.8, 1e-3, 3e-4
+TRUE = {"J": J, "K_t": K, "R": R, "L": L, "b": B}
 PERIOD, FINER, HELD = 0.01, 10, 100  # s, steps of the engine in a sample, samples of a level
 EXPERIMENTS, HEALTHY, SHEET = 8, 4, 0.05  # of a case, to calibrate by, errors of the data sheet
 #: Gap over noise, samples, range of the voltage [V].
@@ -171,15 +172,9 @@ def answer(name: str, over_noise: float, samples: int, volts: tuple[float, float
         return [Experiment(k + 1, 100.0 * k, PERIOD, *row) for k, row in enumerate(rows)]
 
     before = levels(HEALTHY, 500, -12, 12)
-    true = {"J": J, "K_t": K, "R": R, "L": L, "b": B}
-    keys = {
-        "name": "m",
-        "physics": "dc_motor",
-        "parameters": {n: v * float(np.exp(random.normal(0, SHEET))) for n, v in true.items()},
-        "limits": {"voltage": [-24, 24]},
-        "experiment": {"duration": samples * PERIOD, "sample_period": PERIOD},
-    }
-    known = calibrate(machine_from_dict(keys, "m"), measured(before, turned("", before)))
+    sheet = {n: v * float(np.exp(random.normal(0, SHEET))) for n, v in TRUE.items()}
+    given = motor_file(sheet, samples, PERIOD)
+    known = calibrate(given, measured(before, turned("", before)))
     machine = known.with_recordings(["healthy"]).machine
     return diagnose(machine, measured(u, speed), recordings=["shown"], workers=1)
 

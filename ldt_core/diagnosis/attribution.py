@@ -78,7 +78,7 @@ def amounts(fit: EffectFit, left: float, gap: float) -> dict[str, dict[str, Para
             if spread[j] < UNDETERMINED:
                 ends = np.clip(z[j] + DEVIATIONS * spread[j] * np.array([-1, 1]), low[j], high[j])
                 interval = c.value(j, float(ends[0])), c.value(j, float(ends[1]))
-                if p.turns:  # of which an end may lie beyond the range
+                if p.cyclic:  # of which an end may lie beyond the range
                     half, value = DEVIATIONS * spread[j] * c.scale(j), c.value(j, float(z[j]))
                     interval = value - half, value + half
             own[p.name] = ParameterAmount(c.value(j, float(z[j])), p.unit, interval)

@@ -103,7 +103,7 @@ class Candidate:
         p = self.parameters[j]
         neutral = float(p.default or 0.0)
         value = neutral * math.exp(z) if logarithmic(p) else neutral + z * self.scale(j)
-        if p.turns and not p.low <= value <= p.high:
+        if p.cyclic and not p.low <= value <= p.high:
             return p.low + (value - p.low) % (2 * math.pi)
         low = p.low + (OPEN_BOUND_MARGIN * self.scale(j) if p.open_low else 0.0)
         return min(max(value, low, -LARGEST), p.high, LARGEST)
@@ -127,7 +127,7 @@ class Candidate:
         """(d,) lowest and (d,) highest coordinates."""
         low, high = [], []
         for j, p in enumerate(self.parameters):
-            if p.turns:  # a fit must get from one end of the range to the other
+            if p.cyclic:  # a fit must get from one end of the range to the other
                 low.append(-math.inf)
                 high.append(math.inf)
             elif logarithmic(p):
@@ -155,7 +155,7 @@ class Candidate:
         found = []
         for j, p in enumerate(self.parameters):
             near = LIMIT_MARGIN * max(1.0, min(high[j] - low[j], 1.0))
-            sought_up_to = p.high < math.inf and p.high != WHOLE and not p.turns
+            sought_up_to = p.high < math.inf and p.high != WHOLE and not p.cyclic
             if (
                 (logarithmic(p) and min(z[j] - low[j], high[j] - z[j]) <= near)
                 or (0 < p.low < (p.default or 0.0) and z[j] - low[j] <= near)

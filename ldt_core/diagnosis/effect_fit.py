@@ -97,7 +97,7 @@ def _other_phases(members: Sequence[Candidate], z: Array) -> list[Array]:
     parameters = [(c, j) for c in members for j in range(len(c))]
     found = []
     for k, (c, j) in enumerate(parameters):
-        if not c.parameters[j].turns:
+        if not c.parameters[j].cyclic:
             continue
         for part in range(START_PHASES):
             moved = z.copy()

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ldt_core.base.experiment import Experiment
+from ldt_core.base.experiment import Experiment, Samples, rms
 from ldt_core.base.sentences import listed
 from ldt_core.base.units import UNITS
 from ldt_core.diagnosis.diagnosis import HeldOutErrors
@@ -38,9 +38,10 @@ def wrong_unit(machine: Machine, held: Sequence[Experiment], before: HeldOutErro
         held: experiments that were held out.
         before: the machine file's errors on them.
     """
-    shown = _power([e.speed for e in held])
-    simulated = _power([free_run(machine, e) for e in held])
-    if not before.rmse**2 > LEAST_GAP * max(shown, simulated):  # nor where it is no number
+    gap = before.rmse**2
+    if not gap > LEAST_GAP * _power([e.speed for e in held]):  # nor where it is no number
+        return ""
+    if not gap > LEAST_GAP * _power([free_run(machine, e) for e in held]):
         return ""
     names = {factor: unit for unit, factor in reversed(UNITS["speed"].items())}
     left = {
@@ -70,5 +71,5 @@ def _left(machine: Machine, held: Sequence[Experiment], factor: float) -> float:
     return power / max(_power([e.speed for e in there]), 1e-300)
 
 
-def _power(speeds: Sequence[np.ndarray]) -> float:
-    return float(np.mean(np.concatenate(speeds) ** 2))
+def _power(speeds: Sequence[Samples]) -> float:
+    return rms(np.concatenate(speeds)) ** 2

@@ -83,7 +83,7 @@ def begun_at(
     candidate: Candidate, ripples: Sequence[Ripple], but: Collection[float] = ()
 ) -> list[Array]:
     """Coordinates of a law of the angle at the strongest, but for these orders; [] of another."""
-    angles = [p for p in candidate.parameters if p.turns]
+    angles = [p for p in candidate.parameters if p.cyclic]
     if ORDER not in candidate.effect.neutral or not angles:
         return []
     (angle, *_), found = angles, []

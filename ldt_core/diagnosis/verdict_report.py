@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ldt_core.base.arrays import Array
-from ldt_core.base.experiment import Experiment
+from ldt_core.base.experiment import Experiment, rms
 from ldt_core.base.sentences import spoken
 from ldt_core.diagnosis.attribution import amounts, shapley_shares, share, with_masses
 from ldt_core.diagnosis.confidence import all_grounds, confidence
@@ -135,7 +135,7 @@ class VerdictReport:
         if self.objection:
             d = self.decision = replace(d, kind="unknown")
             self.named, self.use, after, now = None, [], before, was
-        still = float(np.sqrt(np.mean(np.concatenate([e.speed for e in self.held]) ** 2)))
+        still = rms(np.concatenate([e.speed for e in self.held]))
         blind = d.kind == "none" and was.rmse >= still
         off = d.kind == "none" and unlike(self.machine, self.alone, self.fitted, self.held, noise)
         # Of an unknown cause no set is in force: what one that was rejected moved says nothing.

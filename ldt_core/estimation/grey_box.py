@@ -120,7 +120,7 @@ class GreyBox:
     def sized(self) -> list[int]:
         """Coordinates of the effects' parameters but for angles within a turn."""
         k = len(self.uncertain)
-        return [k + j for j, (_, p) in enumerate(self._parameters) if not p.turns]
+        return [k + j for j, (_, p) in enumerate(self._parameters) if not p.cyclic]
 
     def values(self, q: Array) -> tuple[dict[str, float], Use]:
         """The machine's parameters, and the effects with all their values."""

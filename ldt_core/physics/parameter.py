@@ -48,7 +48,7 @@ class Parameter:
         return math.isfinite(value) and above and value <= self.high
 
     @property
-    def turns(self) -> bool:
+    def cyclic(self) -> bool:
         """Whether it is an angle that may be anything within one turn."""
         return self.unit == "rad" and math.isclose(self.high - self.low, 2 * math.pi)
 

@@ -11,7 +11,7 @@ from ldt_core.base.experiment import Experiment
 from ldt_core.calibration.calibrate import calibrate
 from ldt_core.diagnosis.diagnose import diagnose
 from ldt_core.effects import get_effect
-from ldt_core.machine.machine_file import machine_from_dict
+from tests.motors import motor_file
 
 # A small brushed motor whose current settles in a sixth of a millisecond.
 TRUE = {"J": 2e-3, "K_t": 0.038, "R": 0.6, "L": 1e-4, "b": 2e-4}
@@ -43,10 +43,7 @@ def records(random, values, torque=lambda angle, speed: 0.0, count=4, volts=12.0
 
 def machine(parameters):
     """A motor's file with these numbers."""
-    keys = {"name": "m", "physics": "dc_motor", "parameters": parameters}
-    keys["limits"] = {"voltage": [-24, 24]}
-    keys["experiment"] = {"duration": SAMPLES * PERIOD, "sample_period": PERIOD}
-    return machine_from_dict(keys, "m")
+    return motor_file(parameters, SAMPLES, PERIOD)
 
 
 @pytest.fixture(scope="module")

@@ -40,7 +40,7 @@ def test_coordinates_are_there_and_back_the_same(name, machine, parts):
     z = inside(c, parts)
     found = c.given(z)
     again = c.coordinates(found)
-    turned = np.array([2 * math.pi if p.turns else math.inf for p in c.parameters])
+    turned = np.array([2 * math.pi if p.cyclic else math.inf for p in c.parameters])
     away = np.abs(again - z)
     np.testing.assert_allclose(np.minimum(away, np.abs(away - turned)), 0.0, atol=1e-8)
     assert all(p.accepts(found[p.name]) for p in c.parameters)

@@ -17,22 +17,13 @@ from ldt_core.diagnosis.diagnose import diagnose
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
 from ldt_core.effects import get_effect
 from ldt_core.estimation.noise import ROUNDING, rounding_correlation, sensor_step, white_noise
-from ldt_core.machine.machine_file import machine_from_dict
+from tests.motors import motor_file
 
 TRUE = {"J": 2e-4, "K_t": 0.038, "R": 0.6, "L": 1e-4, "b": 2e-4}
 PERIOD, SAMPLES, NOISE = 0.02, 250, 0.02  # s, of an experiment, rad/s
 STEPS = (0.1, 0.5, 1.0, 5.0)  # rad/s
 TRIED = ("coulomb_friction", "constant_load", "quadratic_drag", "viscous_friction")
-MACHINE = machine_from_dict(
-    {
-        "name": "m",
-        "physics": "dc_motor",
-        "parameters": TRUE,
-        "limits": {"voltage": [-24, 24]},
-        "experiment": {"duration": SAMPLES * PERIOD, "sample_period": PERIOD},
-    },
-    "m",
-)
+MACHINE = motor_file(TRUE, SAMPLES, PERIOD)
 
 
 def turned(torque, count=5):

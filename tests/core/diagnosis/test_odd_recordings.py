@@ -11,21 +11,12 @@ from recorded_machines import PERIOD, ROTOR, record
 from ldt_core.diagnosis import set_fits
 from ldt_core.diagnosis.diagnose import diagnose
 from ldt_core.effects import get_effect, parse_effect
-from ldt_core.machine.machine_file import machine_from_dict
 from ldt_core.physics.base import FreeRun, Work
 from ldt_core.physics.motor_driven import ROUND_PRICE, USUAL_ROUNDS
 from ldt_core.physics.side_by_side import ALONE
+from tests.motors import motor_file
 
-MOTOR = machine_from_dict(
-    {
-        "name": "m",
-        "physics": "dc_motor",
-        "parameters": {"J": 2e-4, "K_t": 0.038, "R": 0.6, "L": 1e-4, "b": 2e-4},
-        "limits": {"voltage": [-24, 24]},
-        "experiment": {"duration": 3.0, "sample_period": PERIOD},
-    },
-    "m",
-)
+MOTOR = motor_file({"J": 2e-4, "K_t": 0.038, "R": 0.6, "L": 1e-4, "b": 2e-4}, 300, PERIOD)
 #: Among them those that turn a shaft, bend, or need others to show.
 TRIED = (
     *("cogging_torque", "brush_drop", "winding_heating", "asymmetric_friction"),

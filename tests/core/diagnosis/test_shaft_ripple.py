@@ -14,21 +14,12 @@ from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
 from ldt_core.diagnosis.ripple_orders import ripple_orders
 from ldt_core.effects import get_effect
 from ldt_core.estimation.noise import white_noise
-from ldt_core.machine.machine_file import machine_from_dict
+from tests.motors import motor_file
 
 J, K, R, L, B = 0.018, 0.3, 1.0, 5e-3, 0.01
 PERIOD, SAMPLES, FINER = 0.02, 500, 20  # s, of an experiment, steps of the engine in a sample
 TRIED = ("cogging_torque", "gravity_imbalance", "coulomb_friction", "inertia")
-MACHINE = machine_from_dict(
-    {
-        "name": "m",
-        "physics": "dc_motor",
-        "parameters": {"J": J, "K_t": K, "R": R, "L": L, "b": B},
-        "limits": {"voltage": [-24, 24]},
-        "experiment": {"duration": SAMPLES * PERIOD, "sample_period": PERIOD},
-    },
-    "m",
-)
+MACHINE = motor_file({"J": J, "K_t": K, "R": R, "L": L, "b": B}, SAMPLES, PERIOD)
 
 
 def cogged(torque, periods, volts, noise, angles):
