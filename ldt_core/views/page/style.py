@@ -45,6 +45,7 @@ FONT = 9  # points; 12 pixels at the width in which a figure is shown
 LONGEST = 16  # letters of a name in a label; names of users' own parts are paths
 PIXELS = 96  # per inch, CSS
 PNG_DPI = 144
+SVG_DPI = 72  # points, as matplotlib writes it
 PICTURES = (".png", ".svg", ".pdf")  # endings of a figure by itself
 
 RC: Any = {
@@ -299,6 +300,15 @@ def save_picture(figure: Figure, file: str | Path) -> None:
         figure.savefig(part, dpi=PNG_DPI, facecolor="white", metadata=metadata)
 
 
+def _lay_out(figure: Figure) -> None:
+    """Place the axes once: `savefig` would do so twice, and draw all of it twice for that."""
+    figure.set_dpi(SVG_DPI)
+    engine = figure.get_layout_engine()
+    if engine is not None:
+        engine.execute(figure)
+        figure.set_layout_engine(None)
+
+
 def inline_svg(drawing: Drawing, layout: Layout) -> str:
     """The figure as an SVG element for a page that holds many.
 
@@ -310,6 +320,7 @@ def inline_svg(drawing: Drawing, layout: Layout) -> str:
     file = io.StringIO()
     own = f"{drawing.name}-{layout.name}"
     with matplotlib.rc_context({**RC, "svg.hashsalt": own}):
+        _lay_out(figure)
         figure.savefig(file, format="svg", transparent=True, metadata={"Date": None})
     svg = file.getvalue()
     svg = svg[svg.index("<svg") :]
