@@ -32,6 +32,7 @@ from ldt_core.calibration.coordinates import Coordinate, Coordinates
 from ldt_core.calibration.held_out import split
 from ldt_core.calibration.identifiability import (
     MOST_ERROR,
+    NORMAL_95,
     Identifiability,
     Uncertainty,
     coloured,
@@ -61,7 +62,6 @@ from ldt_core.physics.parameter import Parameter, is_own, own_name
 FEWEST_SAMPLES = 10  # of an experiment: fewer do not even show its start state
 PASSES = 6  # fits with another set of free parameters, should one not hold at its own solution
 FAILURE_RATIO = 1.001  # of the error to the one before: a fit that ends above it has failed
-NORMAL_95 = 1.959964  # standard deviations of a normal law on either side that hold 95 % of it
 GAIN_RATIO = 0.99  # of the error to the one before: above it the file's values were as good
 
 

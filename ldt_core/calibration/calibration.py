@@ -70,6 +70,11 @@ class Posterior:
     parameters: tuple[str, ...]
     root: Array
 
+    @property
+    def deviations(self) -> dict[str, float]:
+        """Relative standard deviation of each parameter."""
+        return dict(zip(self.parameters, np.linalg.norm(self.root, axis=1).tolist(), strict=True))
+
     def as_dict(self) -> dict[str, Any]:
         """A key of the machine file's `calibration`, in JSON types."""
         rows = [[rounded(float(v)) for v in row] for row in self.root]

@@ -9,6 +9,7 @@ Gain, offset and the start states are linear, and solved for at each trial of th
 from __future__ import annotations
 
 import cmath
+import contextlib
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ldt_core.base.arrays import Array
+from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment
 from ldt_core.estimation.least_squares import trust_region
 from ldt_core.estimation.linear import Identified, StateSpace, identify
@@ -81,7 +83,8 @@ def fit_response(
     Args:
         experiments: each with a start state of its own.
         linear: the model identified from them, to begin with.
-        order: number of time constants, 1 or 2; 0 takes that of `linear`, 2 at most.
+        order: number of time constants, 1 or 2; 0 takes that of `linear`, 2 at most, or 2 where
+            the free runs show the second one.
         offset: whether there may be one.
 
     Raises:
@@ -89,18 +92,29 @@ def fit_response(
     """
     search = _Search(list(experiments))
     wanted = order or min(linear.order, 2)
+    correlation = max(linear.correlation_time, search.period)
+    independent = search.samples * search.period / correlation
     seed = linear if linear.order == wanted else identify(experiments, wanted)
     starts = _starts(seed, search.period)
     found = min((search.fit(s, offset) for s in starts), key=lambda f: f.noise_std)
     if offset:
         without = search.fit(np.log([found.tau_m, found.tau_e][: found.order]), False)
-        independent = search.samples * search.period / max(linear.correlation_time, search.period)
-        gained = 2 * independent * math.log(without.noise_std / found.noise_std)
-        if gained < math.log(independent):  # Schwarz's criterion, of independent samples
+        if not _shown(without, found, independent):
             found = without
+    if not order and found.order == 1:
+        with contextlib.suppress(LdtError):  # experiments that determine no model of order 2
+            two = fit_response(experiments, linear, 2, offset)
+            inside = two.tau_e >= AT_BOUND * search.period
+            found = two if inside and _shown(found, two, independent) else found
     if not order and found.order == 2 and found.tau_e < AT_BOUND * search.period:
         return fit_response(experiments, linear, 1, offset)
     return found
+
+
+def _shown(simpler: MotorResponse, larger: MotorResponse, independent: float) -> bool:
+    """Whether one unknown more is worth it: Schwarz's criterion, of independent samples."""
+    gained = 2 * independent * math.log(simpler.noise_std / larger.noise_std)
+    return gained >= math.log(independent)
 
 
 def _starts(model: StateSpace, period: float) -> list[Array]:

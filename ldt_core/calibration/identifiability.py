@@ -36,6 +36,7 @@ from ldt_core.base.experiment import Experiment
 from ldt_core.calibration.autocovariance import autocovariance
 from ldt_core.estimation.noise import white_noise
 
+NORMAL_95 = 1.959964  # standard deviations of a normal law on either side that hold 95 % of it
 MOST_ERROR = 0.25  # standard error of a logarithm: 95 % lie within a factor of 1.6 either way
 EXACT_TOLERANCE = 1e-6  # of the largest singular value: rounding of difference quotients
 INTEGRATED_TOLERANCE = 1e-3  # of the same, where sensitivities are differences of integrated runs
@@ -228,7 +229,12 @@ class Uncertainty:
     @property
     def half_widths(self) -> Array:
         """(p,) half of the 95 % intervals."""
-        return float(stdtrit(self.freedom, 0.975)) * self.errors
+        return self.quantile * self.errors
+
+    @property
+    def quantile(self) -> float:
+        """Half of a 95 % interval, in standard errors."""
+        return float(stdtrit(self.freedom, 0.975))
 
 
 def uncertainty(

@@ -26,12 +26,14 @@ from ldt_core.base.metrics import FreeRunError
 from ldt_core.base.threads import one_thread
 from ldt_core.calibration.calibration import (
     MOST_NOISE_RATIO,
+    Posterior,
     free_run_error,
     limits_note,
     rounded,
     widened,
 )
 from ldt_core.calibration.equivalent_motor import MotorResponse, fit_response
+from ldt_core.calibration.equivalent_posterior import equivalent_posterior
 from ldt_core.calibration.held_out import split
 from ldt_core.calibration.torque_balance import RESISTANCE, guidance
 from ldt_core.estimation.linear import Identified, identify
@@ -63,6 +65,7 @@ class EquivalentMotor:
         notes: sentences for a person.
         recordings: the files.
         changed: whether the machine seems to have changed while it was recorded.
+        posterior: what is known of J, K_t and L; None where the motor lacks something.
     """
 
     machine: Machine
@@ -74,6 +77,7 @@ class EquivalentMotor:
     notes: tuple[str, ...]
     recordings: tuple[str, ...] = ()
     changed: bool = False
+    posterior: Posterior | None = None
 
     def with_recordings(self, recordings: Sequence[str]) -> EquivalentMotor:
         """The same, with the names of the files it was made from."""
@@ -105,6 +109,13 @@ class EquivalentMotor:
                 "mean_max_error": rounded(self.errors["held_out"].mean_max_error),
                 "linear_rmse": rounded(self.linear_errors["held_out"].rmse),
             }
+        if self.posterior is not None:
+            values = self.machine.parameters
+            record["free"] = {
+                name: {"value": values[name], "std": rounded(relative * values[name])}
+                for name, relative in self.posterior.deviations.items()
+            }
+            record["posterior"] = self.posterior.as_dict()
         record["notes"] = list(self.notes)
         return record
 
@@ -169,8 +180,17 @@ def identify_machine(
     if sensor_noise(form, kept) < form.noise_std:
         changed = _differing(form, linear, kept)
         notes += filter(None, [changed])
+    tick("estimating how well the motor is known")
     found = EquivalentMotor(
-        machine, form, linear, errors, linear_errors, numbers, tuple(notes), changed=bool(changed)
+        machine,
+        form,
+        linear,
+        errors,
+        linear_errors,
+        numbers,
+        tuple(notes),
+        changed=bool(changed),
+        posterior=None if changed else equivalent_posterior(machine, kept, form.order),
     )
     return found.with_recordings(())
 

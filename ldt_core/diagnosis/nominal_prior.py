@@ -230,6 +230,7 @@ def _posterior(machine: Machine) -> NominalPrior | None:
     Numbers that were edited since are not those that it speaks of.
     """
     told, free = (machine.calibration.get(key) for key in ("posterior", "free"))
+    equivalent = machine.calibration.get("equivalent")
     try:
         names = tuple(str(n) for n in told["parameters"])  # type: ignore[index]
         root = np.array(told["root"], dtype=np.float64)  # type: ignore[index]
@@ -242,12 +243,14 @@ def _posterior(machine: Machine) -> NominalPrior | None:
     if not set(names) <= {n for n in CHANGED_BY if parameters.get(n)}:
         return None
     found = NominalPrior(machine, names, root, curved=set(MOTOR) <= set(names))
-    same = all(
-        math.isclose(parameters[n], v, rel_tol=SAME)
-        and math.isclose(
-            machine.tolerances.get(n, 0.0), found.deviations.get(n, 0.0), rel_tol=ALIKE
-        )
-        for n, v in values.items()
+    same = all(math.isclose(parameters[n], v, rel_tol=SAME) for n, v in values.items())
+    # An equivalent motor's file states no deviations: a calibration to come would take them for its
+    # prior knowledge, and they may be of the same recording.
+    stated = {} if equivalent else values
+    same = same and bool(stated or not machine.deviations)
+    same = same and all(
+        math.isclose(machine.tolerances.get(n, 0.0), found.deviations.get(n, 0.0), rel_tol=ALIKE)
+        for n in stated
     )
     return found if same and root.size else None
 
