@@ -34,7 +34,7 @@ class Candidate:
     """One effect that may explain the gap.
 
     Parameters are fitted as z = (value - neutral) / scale; those that multiply one of the machine's
-    and the limits as z = log(value / neutral).
+    and the limits as z = log(value / neutral), as are those that must be above 0.
 
     Args:
         most_voltage: largest voltage of the recordings [V].
@@ -93,6 +93,12 @@ class Candidate:
         p = self.parameters[j]
         return (p.scale or 1.0) * self.sizes.get(p.unit, 1.0)
 
+    def neutral(self, j: int) -> float:
+        """Parameter j where a fit's coordinate is 0."""
+        p = self.parameters[j]
+        own = self.sizes.get(p.unit, 1.0) if logarithmic(p) and not limits_voltage(p) else 1.0
+        return (p.default or 0.0) * own
+
     @property
     def typical(self) -> dict[str, float]:
         """The effect plainly there, in this machine's sizes."""
@@ -100,8 +106,7 @@ class Candidate:
 
     def value(self, j: int, z: float) -> float:
         """Parameter j at a coordinate, within its bounds and of a size that an effect accepts."""
-        p = self.parameters[j]
-        neutral = float(p.default or 0.0)
+        p, neutral = self.parameters[j], self.neutral(j)
         value = neutral * math.exp(z) if logarithmic(p) else neutral + z * self.scale(j)
         if p.cyclic and not p.low <= value <= p.high:
             return p.low + (value - p.low) % (2 * math.pi)
@@ -114,8 +119,7 @@ class Candidate:
 
     def coordinate(self, j: int, value: float) -> float:
         """Of a value of parameter j."""
-        p = self.parameters[j]
-        neutral = float(p.default or 0.0)
+        p, neutral = self.parameters[j], self.neutral(j)
         return math.log(value / neutral) if logarithmic(p) else (value - neutral) / self.scale(j)
 
     def coordinates(self, given: Mapping[str, float]) -> Array:

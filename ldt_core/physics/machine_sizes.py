@@ -60,7 +60,9 @@ def machine_scales(values: Mapping[str, float], most_voltage: float) -> dict[str
 def in_own_sizes(
     effect: Effect, given: Mapping[str, float], sizes: Mapping[str, float]
 ) -> dict[str, float]:
-    """Values of an effect in a machine's sizes: each is scaled with its unit, a factor is not.
+    """Values of an effect in a machine's sizes: each is scaled with its unit.
+
+    A factor has none, and a limit of the voltage is no amount.
 
     Args:
         given: in the library's; what is left out is neutral.
@@ -69,7 +71,7 @@ def in_own_sizes(
     found = {}
     for p in effect.parameters:
         value = {**effect.neutral, **given}[p.name]
-        found[p.name] = value if logarithmic(p) else value * sizes.get(p.unit, 1.0)
+        found[p.name] = value if limits_voltage(p) else value * sizes.get(p.unit, 1.0)
         if math.isfinite(p.low) and math.isfinite(p.high):
             found[p.name] = min(max(found[p.name], p.low), p.high)
         elif value == p.default and not value:
