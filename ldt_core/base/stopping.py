@@ -60,8 +60,11 @@ class Stop(threading.Event):
             yield item
 
     def late(self, _number: int, _frame: FrameType | None) -> None:
-        """Abandon an item that is still being made: the handler of SIGALRM."""
-        if self.making:
+        """Abandon an item that is still being made: the handler of SIGALRM.
+
+        A user's own part may have set an alarm, too; that is not ours.
+        """
+        if self.making and self.is_set():
             raise _Late
 
 

@@ -60,7 +60,7 @@ class Command(click.Command):
     def get_params(self, ctx: click.Context) -> list[click.Parameter]:
         """As click's, with --help-all where --help does not list all."""
         own = super().get_params(ctx)
-        return [*own[:-1], _HELP_ALL, own[-1]] if self._many else own
+        return [*own[:-1], _HELP_ALL if self._many else _HELP_ALL_SAME, own[-1]]
 
     @property
     def _many(self) -> bool:
@@ -90,13 +90,17 @@ def _help_all(context: click.Context, _parameter: click.Parameter, asked: bool) 
 
 
 _EVERY = "ldt.every_option"  # key of a context: all are listed
-_HELP_ALL = click.Option(
-    ["--help-all"],
-    is_flag=True,
-    is_eager=True,
-    expose_value=False,
-    callback=_help_all,
-    help="Show all options in groups, and exit.",
+_HELP_ALL, _HELP_ALL_SAME = (
+    click.Option(
+        ["--help-all"],
+        is_flag=True,
+        is_eager=True,
+        expose_value=False,
+        callback=_help_all,
+        help="Show all options in groups, and exit.",
+        hidden=hidden,
+    )
+    for hidden in (False, True)
 )
 
 

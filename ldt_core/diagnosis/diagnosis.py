@@ -279,7 +279,7 @@ def read_effects(
         OptionError: an unknown effect, or a parameter outside its bounds.
     """
     found = read_diagnosis(file, machine)
-    return used_effects(str(file), _entries(str(file), found), own)
+    return used_effects(str(file), acting_entries(str(file), found), own)
 
 
 def used_effects(
@@ -363,7 +363,7 @@ def read_diagnosis(file: str | Path, machine: Machine | None = None) -> Mapping[
     return found
 
 
-def _entries(where: str, found: Mapping[str, Any]) -> Any:
+def acting_entries(where: str, found: Mapping[str, Any]) -> Any:
     """Each acting effect, unchecked; from the candidates if there is no `effects`."""
     if found.get("effects") is not None:
         return found["effects"]

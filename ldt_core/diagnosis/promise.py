@@ -10,6 +10,7 @@ measured there.
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -19,7 +20,7 @@ import numpy as np
 from ldt_core.base.arrays import Array
 from ldt_core.base.experiment import Experiment
 from ldt_core.base.sentences import spoken
-from ldt_core.diagnosis.diagnosis import used_effects
+from ldt_core.diagnosis.diagnosis import acting_entries, used_effects
 from ldt_core.diagnosis.holdout import closed, free_run
 from ldt_core.machine.machine_file import Machine
 from ldt_core.physics.effect import Effect
@@ -120,7 +121,7 @@ class Promising:
 
     def __post_init__(self) -> None:
         more = self.found.get("alternatives")
-        self.best = used_effects(self.file, self.found.get("effects") or (), self.own)
+        self.best = used_effects(self.file, acting_entries(self.file, self.found), self.own)
         self.others = [
             used_effects(f"{self.file}, alternatives", listed, self.own)
             for listed in (more if isinstance(more, list) else ())
@@ -206,8 +207,10 @@ def promised(
 
 
 def _number(value: Any) -> float | None:
-    """A number of a file; None where there is something else."""
-    return float(value) if isinstance(value, (int, float)) and math.isfinite(value) else None
+    """A number of a file; None where there is something else, or none that floats hold."""
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        return None
+    return float(value) if abs(value) <= sys.float_info.max else None
 
 
 def _numbers(value: Any) -> tuple[float, float] | None:

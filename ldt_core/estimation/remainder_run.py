@@ -153,6 +153,9 @@ def _run(
     dloose, dlate = np.zeros((p, n)), np.zeros((q, n))
     for k in range(samples):
         speed[k] = w
+        if not (abs(w) < math.inf and abs(i) < math.inf):  # it finds no place among the nodes
+            speed[k:] = math.nan
+            break
         if thin:
             row, part = k // thin, 1.0 / min(thin, samples - k // thin * thin)
             for m in range(n):

@@ -132,6 +132,9 @@ def _from_json(record: Mapping[str, Any]) -> LearnedRemainder:
     shape = RemainderShape(axes[0], axes[1], plays, lags, float(record["span"]))
     weights = np.array(record["weights"], dtype=np.float64)
     directions = np.array(record["directions"], dtype=np.float64).reshape(-1, shape.size)
+    stated = [*axes[0], *axes[1], *sizes, noise, *weights, *directions.ravel()]
+    if not np.isfinite(stated).all():  # JSON's null, too: compiled code looks nothing up by it
+        raise ValueError("a number that is not finite")
     if weights.shape != (shape.size,):
         raise ValueError(f"{weights.size} weights of {shape.size}")
     return LearnedRemainder(shape, weights, directions, noise)

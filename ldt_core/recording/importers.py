@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -35,6 +36,8 @@ ROUNDING = 1e-6  # of a period: what floating point loses in a length or an end 
 # What hardly any motor does, but a column in another unit seems to do.
 FAST = 1000.0  # rad/s, which is 9549 rpm
 SLOW = 1.0  # s between samples
+#: Unit that times likely have where so many of them lie between samples: 1 Hz to 1 kHz.
+LIKELY = {"ms": 1e3, "us": 1e6, "ns": math.inf}
 MOST_SAMPLES = 100_000_000  # of a stretch; more is a period in the wrong unit
 
 
@@ -108,8 +111,10 @@ def _doubts(series: Mapping[str, Series], given: Mapping[str, str]) -> list[str]
         )
     step = float(np.median(np.diff(speed.time))) if speed.time.size > 1 else 0.0
     if "time" in bare and step >= SLOW:
+        unit = next(u for u, most in LIKELY.items() if step < most)
         notes.append(
-            f"{step:g} s between samples are long; if they are ms: --time {given['time']}:ms"
+            f"{step:g} s between samples are long; "
+            f"if they are {unit}: --time {given['time']}:{unit}"
         )
     return notes
 

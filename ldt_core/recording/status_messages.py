@@ -132,9 +132,14 @@ def _status(
     )
 
 
+def stamped_ns(time: float) -> int:
+    """A time [s] as a stamp says it [ns]; held at the ends of what 32 bits of seconds can say."""
+    return round(min(max(time, 0.0), float(LAST_SECOND)) * 1e9)
+
+
 def stamp(time: float, make: Messages) -> Any:
-    """A message's time; held at the ends of what 32 bits of seconds can say."""
-    nanoseconds = round(min(max(time, 0.0), float(LAST_SECOND)) * 1e9)
+    """A message's time."""
+    nanoseconds = stamped_ns(time)
     return make.Time(sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9)
 
 

@@ -18,6 +18,7 @@ from ldt_core.base.experiment import Experiment, Prediction, Signal
 from ldt_core.recording.codec import DECODERS, Record, encode
 from ldt_core.recording.messages import schema, serialize, standard
 from ldt_core.recording.node_status import HEALTH_TOPIC
+from ldt_core.recording.status_messages import stamped_ns
 from ldt_core.views.export.predicted_runs import PredictedRun
 from ldt_core.views.export.sample_messages import (
     KIND,
@@ -227,7 +228,7 @@ class FoxgloveRelay(Fleet):
 
     def _send(self, topic: str, kind: str, data: bytes, moment: float | None) -> None:
         channel = self._channel(topic, kind)
-        channel.log(data, log_time=None if moment is None else round(moment * 1e9))
+        channel.log(data, log_time=None if moment is None else stamped_ns(moment))
 
     def _channel(self, topic: str, kind: str) -> Any:
         if topic not in self._channels:

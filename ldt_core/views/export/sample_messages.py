@@ -7,6 +7,7 @@ are efforts, as of a machine that streams its samples (`ldt up --stream`).
 
 from __future__ import annotations
 
+import math
 import struct
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -14,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ldt_core.recording.messages import typestore
+from ldt_core.recording.status_messages import stamped_ns
 from ldt_core.views.export.predicted_runs import PredictedRun
 
 KIND = "sensor_msgs/msg/JointState"
@@ -88,15 +90,15 @@ def sample_messages(
         if name in curves:
             values = np.ascontiguousarray(curves[name], dtype="<f8").reshape(-1, 1)
             parts.append((name, _Template(machine, [machine or "machine"], True), values))
-    first = round(e.start * SECOND)
+    first = stamped_ns(e.start)
     for k in range(len(e)):
-        time_ns = first + round(k * e.period * SECOND)
+        time_ns = min(first + round(k * e.period * SECOND), stamped_ns(math.inf))
         for topic, template, values in parts:
             yield SampleMessage(topic, time_ns, template.fill(time_ns, values[k].tobytes()))
 
 
 def speed_message(machine: str, moment: float, speed: float) -> SampleMessage:
     """A sample that a machine streams: its stamp [s since the epoch], its speed [rad/s]."""
-    time_ns = round(moment * SECOND)
+    time_ns = stamped_ns(moment)
     template = _Template(machine, [machine or "machine"], False)
     return SampleMessage("joint_states", time_ns, template.fill(time_ns, struct.pack("<d", speed)))
