@@ -7,9 +7,9 @@ from collections.abc import Callable, Iterable
 from typing import Any, Generic, TypeVar
 
 from ldt_core.base.bounded import forget_oldest
-from ldt_core.base.errors import ExperimentError, RecordingError
+from ldt_core.base.errors import RecordingError
 from ldt_core.base.experiment import Experiment, Prediction
-from ldt_core.recording.message_subject import STAMP_END, TIME_TOLERANCE, agree
+from ldt_core.recording.message_subject import STAMP_END, TIME_TOLERANCE
 from ldt_core.restart.checkpoint import Lookup
 from ldt_core.restart.recorded_run import RecordedRun
 from ldt_core.twin.stage import RecordedStep
@@ -19,7 +19,7 @@ from ldt_ros.nodes.node import LdtNode, NodePart
 Left = TypeVar("Left")
 Right = TypeVar("Right")
 
-#: Number and end [s since the epoch] of an experiment; None where the end is not known.
+#: Number of an experiment, and its start or end [s since the epoch]; None where that is not known.
 About = tuple[int, float | None]
 
 #: Twice what a topic keeps, which comes at once after its publisher was cut off: what waits longer
@@ -34,12 +34,12 @@ class Pairing(Generic[Left, Right]):
     refuses meanwhile waits here.
 
     Args:
-        callback: receives (left, right) once per number and end.
+        callback: receives (left, right) once per number and time.
         capacity: halves of one side that may wait; beyond, the oldest is dropped.
 
     Attributes:
         dropped: halves that were dropped: too long without the other, or of an experiment that
-            waits already (the first of a number and an end is the one that the twin predicts).
+            waits already (the first of a number and a time is the one that the twin predicts).
         repeated: halves of an experiment that has met already: somebody was started again, and
             says once more what may not have been heard.
     """
@@ -57,7 +57,7 @@ class Pairing(Generic[Left, Right]):
         return len(self._left) + len(self._right)
 
     def left(self, number: int, item: Left, time: float | None = None) -> None:
-        """Take in a left half; its end, if known, tells it from another one of its number."""
+        """Take in a left half; its time, if known, tells it from another one of its number."""
         about = number, time
         if self._is_repeated(about):
             return
@@ -68,7 +68,7 @@ class Pairing(Generic[Left, Right]):
             self._meet(about, item, self._right.pop(other))
 
     def right(self, number: int, item: Right, time: float | None = None) -> None:
-        """Take in a right half; its end as of `left`."""
+        """Take in a right half; its time as of `left`."""
         about = number, time
         if self._is_repeated(about):
             return
@@ -79,12 +79,12 @@ class Pairing(Generic[Left, Right]):
             self._meet(other, self._left.pop(other), item)
 
     def overtaken(self) -> list[About]:
-        """Right halves, number and end, of which a later left half has come already."""
+        """Right halves, number and time, of which a later left half has come already."""
         newest = max((number for number, _ in self._left), default=0)
         return [about for about in self._right if about[0] < newest]
 
     def met(self, number: int, time: float | None = None) -> None:
-        """Take what comes of a number, and has this end, for a repetition from now on."""
+        """Take what comes of a number, and has this time, for a repetition from now on."""
         self._met.pop((number, time), None)
         self._met[number, time] = None
         forget_oldest(self._met, self.capacity)
@@ -107,19 +107,19 @@ class Pairing(Generic[Left, Right]):
 
 
 def _same(among: Iterable[About], about: About) -> About | None:
-    """The first among them that is of the same experiment, as far as the ends are known."""
-    number, end = about
+    """The first among them that is of the same experiment, as far as the times are known."""
+    number, time = about
     for other in among:
         known = other[1]
         if other[0] != number:
             continue
-        if end is None or known is None or abs(end - known) <= TIME_TOLERANCE:
+        if time is None or known is None or abs(time - known) <= TIME_TOLERANCE:
             return other
     return None
 
 
 class ExperimentPairs(NodePart):
-    """Calls back with both of one experiment, which its number and its end tell from others.
+    """Calls back with both of one experiment, which its number and its time tell from others.
 
     | received | what happens |
     |---|---|
@@ -129,7 +129,6 @@ class ExperimentPairs(NodePart):
     | an experiment that waits already | dropped and counted: the first one counts |
     | an experiment that was dealt with | dropped and counted: somebody was started again |
     | a number at another time, which was refused or is of a second machine | waits for its own |
-    | a prediction of the same end, but of another start | both rejected |
     | anything malformed, or that the node refuses | counted, logged once per kind |
 
     Args:
@@ -141,8 +140,8 @@ class ExperimentPairs(NodePart):
     def __init__(
         self, node: LdtNode, beside: str, callback: Callable[[Experiment, Any], None]
     ) -> None:
-        self._node, self._beside, self._callback = node, beside, callback
-        self.pairing: Pairing[Experiment, Any] = Pairing(self._together)
+        self._node, self._beside = node, beside
+        self.pairing: Pairing[Experiment, Any] = Pairing(callback)
         folder = node.settings["resume"] or node.settings["bag"]
         self._run = RecordedRun(folder, node.get_namespace(), node.machine)
         self._sought: dict[About, None] = {}  # in the recording, the last ones
@@ -154,7 +153,7 @@ class ExperimentPairs(NodePart):
 
     def met(self, step: RecordedStep) -> None:
         """Take what comes of a recorded step for a repetition from now on."""
-        self.pairing.met(step.number, step.experiment.end)
+        self.pairing.met(step.number, self._time_of(step.experiment))
 
     def health(self) -> dict[str, Any]:
         """What never found its other half, and what came again."""
@@ -163,17 +162,15 @@ class ExperimentPairs(NodePart):
     def _on_experiment(self, message: Any) -> None:
         experiment = from_message("experiment", message)
         # What the twin refuses and tells of must not wait in its corrected successor's place, which
-        # has the same number and end.
+        # has the same number and start.
         if self._node.machine.may_have_made(experiment):
-            self.pairing.left(experiment.number, experiment, _sayable(experiment.end))
+            self.pairing.left(experiment.number, experiment, self._time_of(experiment))
         self._find_overtaken()
 
     def _on_beside(self, message: Any) -> None:
         record = from_message(self._beside, message)
-        end = stamp_of(message)
-        if isinstance(record, Prediction):
-            end = record.start + len(record) * record.period
-        self.pairing.right(record.number, record, end)
+        time = record.start if isinstance(record, Prediction) else stamp_of(message)
+        self.pairing.right(record.number, record, time)
         self._find_overtaken()
 
     def _find_overtaken(self) -> None:
@@ -191,15 +188,11 @@ class ExperimentPairs(NodePart):
                 bag = self._run.bag(listed=True)
                 if bag is not None:
                     found = Lookup(bag, self._node.machine, self._node.settings, ()).sent(*about)
-                    self.pairing.left(found.number, found, _sayable(found.end))
+                    self.pairing.left(found.number, found, self._time_of(found))
 
-    def _together(self, experiment: Experiment, record: Any) -> None:
-        own = experiment.start
-        if isinstance(record, Prediction) and not agree(record.start, own):
-            what = f"{self._beside} of experiment {experiment.number}"
-            got = f"{record.start:.3f}"
-            raise ExperimentError(what, f"the time {own:.3f} s, as the experiment's", got)
-        self._callback(experiment, record)
+    def _time_of(self, experiment: Experiment) -> float | None:
+        """What the one beside it says of its time: a prediction its start, a stamp its end."""
+        return experiment.start if self._beside == "prediction" else _sayable(experiment.end)
 
 
 def _sayable(time: float) -> float | None:

@@ -24,7 +24,7 @@ TIMED = st.lists(st.tuples(st.booleans(), ABOUT), max_size=60)
 
 @given(SIDES.map(lambda sides: [(left, (number, None)) for left, number in sides]) | TIMED)
 def test_pairing_brings_the_first_of_each_side_together_once(arrivals):
-    """In any order of arrival, each number once, or each number and end where that is known.
+    """In any order of arrival, each number once, or each number and time where that is known.
 
     What is lost is counted, as long as all fit. What the twin refused keeps no later one of its
     number from its own: a counter that restarted twice, first with its clock behind.
