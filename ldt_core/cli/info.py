@@ -103,7 +103,7 @@ def _described(bag: Bag, health: Health) -> tuple[dict[str, Any], dict[str, str]
     record: dict[str, Any] = {
         "recording": str(health.path),
         "machine": health.machine or None,
-        "experiments": len(health.numbers),
+        "experiments": health.experiments,
         "missing": [list(span) for span in health.missing],
         "lengths": lengths,
         "channels": channels,
@@ -148,7 +148,7 @@ def _described(bag: Bag, health: Health) -> tuple[dict[str, Any], dict[str, str]
 def _experiments(health: Health) -> str:
     if not health.numbers:
         return "none"
-    told = f"{len(health.numbers)}, numbers {ranges(health.numbers.spans, 5)}"
+    told = f"{health.experiments}, numbers {ranges(health.numbers.spans, 5)}"
     if health.missing:
         told += f"; {numbered('number', health.missing, 5)} missing"
     return told
@@ -168,7 +168,7 @@ def _ended(health: Health) -> str:
     """In words how the recording came to its end."""
     if health.writing:
         return "it is still being recorded"
-    count, wanted = len(health.numbers), health.settings.get("experiments")
+    count, wanted = health.experiments, health.settings.get("experiments")
     whole = not health.notes
     if health.settings and not health.settings.get("play") and isinstance(wanted, int):
         if count >= wanted:

@@ -135,7 +135,7 @@ def _experiments(health: Health) -> list[Finding]:
         found.append(warning(name, told, "record one kind of experiment in one recording"))
     first, last = min(health.numbers), max(health.numbers)
     length, period = health.samples.most_common(1)[0][0]
-    all_well = f"{len(health.numbers)}, numbers {first} to {last}, {length} samples at {period:g} s"
+    all_well = f"{health.experiments}, numbers {first} to {last}, {length} samples at {period:g} s"
     return found or [ok(name, all_well)]
 
 

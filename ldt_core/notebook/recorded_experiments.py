@@ -13,6 +13,7 @@ from ldt_core.base.experiment import Action, Experiment, Prediction, Step
 from ldt_core.machine.machine_file import Machine
 from ldt_core.recording.bag import Bag, read_bag
 from ldt_core.recording.held_samples import HeldSamples
+from ldt_core.restart.recorded_run import BESIDE, said_at, said_beside
 from ldt_core.twin.adaptor import ROLLED_BACK
 from ldt_core.twin.stage import RecordedStep
 
@@ -78,33 +79,31 @@ class Recording(Sequence[Experiment]):
             return []
         bag = self._bag
         held = HeldSamples()
-        predictions = {p.number: p for p in held.predictions(bag, "prediction")}
-        originals = {p.number: p for p in held.predictions(bag, "original_prediction")}
-        signals = {s.number: s for s in bag.records("signal")}
-        adaptations = {a.number: a for a in bag.records("adaptation")}
+        # A counter that begins anew comes by a number again, at another time.
+        predictions = {_about(p): p for p in held.predictions(bag, "prediction")}
+        originals = {_about(p): p for p in held.predictions(bag, "original_prediction")}
+        signals, adaptations = said_beside(bag, "signal"), said_beside(bag, "adaptation")
+        diagnoses, advice = (said_beside(bag, name) for name in BESIDE)
         models = {m.version: m for m in bag.records("model")}
-        diagnoses = {d.number: d for d in bag.rare("diagnosis")}
-        advice = {a.number: a for a in bag.rare("advice")}
-        found: dict[int, RecordedStep] = {}
+        found: dict[_About, RecordedStep] = {}
         for experiment in self:
-            number = experiment.number
-            prediction, signal = predictions.get(number), signals.get(number)
-            adaptation, original = adaptations.get(number), originals.get(number)
-            if signal is None or adaptation is None or not _of(experiment, prediction):
+            about = _about(experiment)
+            prediction, signal = predictions.get(about), said_at(experiment, signals)
+            adaptation = said_at(experiment, adaptations)
+            if prediction is None or signal is None or adaptation is None:
                 continue
-            assert prediction is not None
             new = adaptation.action is Action.ADAPTED or ROLLED_BACK in adaptation.details
             found.setdefault(
-                number,
+                about,
                 RecordedStep(
                     experiment,
                     prediction,
                     signal,
                     adaptation,
                     models.get(adaptation.model_version) if new else None,
-                    diagnoses.get(number),
-                    advice.get(number),
-                    original if _of(experiment, original) else None,
+                    said_at(experiment, diagnoses),
+                    said_at(experiment, advice),
+                    originals.get(about),
                 ),
             )
         return list(found.values())
@@ -122,11 +121,13 @@ class Recording(Sequence[Experiment]):
         )
 
 
-def _of(experiment: Experiment, prediction: Prediction | None) -> bool:
-    """Whether this is the one predicted: a number may have been sent for several."""
-    if prediction is None:
-        return False
-    return (prediction.start, len(prediction)) == (experiment.start, len(experiment))
+#: Number, start [s since the epoch] and samples.
+_About = tuple[int, float, int]
+
+
+def _about(one: Experiment | Prediction) -> _About:
+    """What tells an experiment, and its prediction, from others: a number may come for several."""
+    return one.number, one.start, len(one)
 
 
 def read(path: str | os.PathLike[str], namespace: str | None = None) -> Recording:

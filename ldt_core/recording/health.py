@@ -24,7 +24,7 @@ _Key = tuple[int, float, int]  # of an experiment and its prediction: number, st
 
 ANSWERS = ("prediction", "signal", "adaptation")  # what each experiment of a run gets
 MAX_PAUSES = 5  # pauses that are kept one by one
-MAX_MATCHED = 1000  # experiments with their prediction; a repetition comes soon after, if at all
+MAX_MATCHED = 1000  # experiments, or those with their prediction; a repetition comes soon after
 PAUSE_SHARE = 1.0  # of an experiment's duration; a longer wait for the next is told
 NO_DATE = 86400 * 365.0  # s after 1970-01-01: before it is a time that counts from a start
 
@@ -41,6 +41,7 @@ class Health:
         counts: absolute topic → messages that could be read.
         declared: messages that `metadata.yaml` counts, None when it does not say.
         numbers: of the experiments.
+        experiments: how many there are; of a counter that begins anew, several have one number.
         repeated: numbers that were recorded more than once.
         samples: (samples, sample period [s]) → experiments that have it.
         backwards: numbers of experiments that start before the one recorded before them ends.
@@ -66,6 +67,7 @@ class Health:
     counts: Counter[str] = field(default_factory=Counter)
     declared: int | None = None
     numbers: ExperimentNumbers = field(default_factory=ExperimentNumbers)
+    experiments: int = 0
     repeated: ExperimentNumbers = field(default_factory=ExperimentNumbers)
     samples: Counter[tuple[int, float]] = field(default_factory=Counter)
     backwards: ExperimentNumbers = field(default_factory=ExperimentNumbers)
@@ -151,6 +153,7 @@ class _Reading:
         self._measured: set[_Key] = set()
         self._predicted: set[_Key] = set()
         self._matched: dict[_Key, None] = {}
+        self._counted: dict[tuple[int, float], None] = {}  # number and start of the last ones
 
     def take(self, raw: RawMessage) -> None:
         """A message of this machine; what cannot be read is counted."""
@@ -215,6 +218,9 @@ class _Reading:
         if record.number in health.numbers:
             health.repeated.add(record.number)
         health.numbers.add(record.number)
+        health.experiments += (record.number, record.start) not in self._counted
+        self._counted[record.number, record.start] = None
+        forget_oldest(self._counted, MAX_MATCHED)
         health.samples[len(record), record.period] += 1
         if self.health.judged:
             key = record.number, record.start, len(record)

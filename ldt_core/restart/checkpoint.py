@@ -149,15 +149,16 @@ class Lookup:
             self._experiments[key] = found
         return self._experiments[key]
 
-    def sent(self, number: int, end: float | None) -> Experiment:
-        """The one with this number and end [s since the epoch], None where that is not known.
+    def sent(self, number: int, time: float | None) -> Experiment:
+        """The one of this number that begins or ends then [s since the epoch], None for any.
 
         Raises:
             RecordingError: it is not there.
         """
 
         def wanted(one: Experiment) -> bool:
-            return one.number == number and (end is None or agree(one.end, end))
+            said = time is None or agree(one.start, time) or agree(one.end, time)
+            return one.number == number and said
 
         if self._bag.topic(ANCHOR) is not None:
             found: Experiment = self._near("experiment", number, wanted, WINDOW)

@@ -217,7 +217,7 @@ def complete_steps(
         machine: what it cannot have made was refused, whatever its number.
         begin: file and byte before which nothing is read (`Storage.messages`).
     """
-    beside = {name: _beside(bag, name, begin) for name in BESIDE}
+    beside = {name: said_beside(bag, name, begin) for name in BESIDE}
     models: dict[int, ModelRecord] = {}
     counted = _Counted(models, bag.topic(YARDSTICK) is not None)
     held: RecordedStep | None = None  # the last step, after which a rollback may come
@@ -232,7 +232,7 @@ def complete_steps(
                 held = _rolled_back(held, record, models)
             counted.take(name, record)
         for step in counted.completed():
-            diagnosis, advice = (_said_at(step[0], beside[kind]) for kind in BESIDE)
+            diagnosis, advice = (said_at(step[0], beside[kind]) for kind in BESIDE)
             if held is not None:
                 yield held
             held = RecordedStep(*step, diagnosis, advice)
@@ -313,24 +313,32 @@ def _rolled_back(
     return replace(step, adaptation=told, model=model)
 
 
-def _beside(bag: Bag, name: str, begin: tuple[int, int]) -> dict[int, list[tuple[float, Any]]]:
-    """Records that may come long after their step, by experiment, with their time [s]."""
+Said = dict[int, list[tuple[float, Any]]]
+
+
+def said_beside(bag: Bag, name: str, begin: tuple[int, int] = (0, 0)) -> Said:
+    """Records of statuses by the number of their experiment, each with its stamp [s], 0 for none.
+
+    They may come long after their step, and of several experiments that have the number.
+    """
     topic = bag.topic(name)
     if topic is None:
         return {}
     whole = begin == (0, 0)
     raws = bag.storage.picked([topic]) if whole else bag.messages(name, begin=begin)
-    found: dict[int, list[tuple[float, Any]]] = {}
+    found: Said = {}
     for raw, record in bag.usable(raws):
         _, stamp = said_of(raw.topic, raw.kind, raw.data) or (0, 0.0)
         found.setdefault(record.experiment, []).append((stamp, record))
     return found
 
 
-def _said_at(experiment: Experiment, records: Mapping[int, list[tuple[float, Any]]]) -> Any:
+def said_at(experiment: Experiment, records: Said) -> Any:
     """What was said last of an experiment, and not of another one of its number."""
     said = reversed(records.get(experiment.number, ()))
-    return next((record for stamp, record in said if agree(stamp, experiment.end)), None)
+    return next(
+        (record for stamp, record in said if not stamp or agree(stamp, experiment.end)), None
+    )
 
 
 def _messages(bag: Bag, begin: tuple[int, int]) -> Iterator[tuple[str, Recorded]]:

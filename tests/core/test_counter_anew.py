@@ -12,7 +12,9 @@ from ldt_core.base.experiment import Experiment
 from ldt_core.base.settings import resolve
 from ldt_core.machine import Plant
 from ldt_core.machine.machine_file import Machine, load_machine
+from ldt_core.notebook.recorded_experiments import read
 from ldt_core.recording.bag import read_bag
+from ldt_core.recording.health import inspect
 from ldt_core.recording.writer import BagWriter
 from ldt_core.restart import recorded_run
 from ldt_core.restart.recorded_run import END, RecordedRun, complete_steps
@@ -92,6 +94,36 @@ def test_a_clock_that_goes_back_with_the_counter_does_not_mislead_it(tmp_path):
         run(tmp_path / str(end), sent[:end], checkpoint_every=3)
         assert figures(run(tmp_path / str(end), sent, resume=True)) == figures(whole)
         assert steps(tmp_path / str(end)) == steps(tmp_path / "whole")
+
+
+def test_whoever_reads_a_run_gets_each_step_with_what_was_said_of_it(tmp_path):
+    """As the graph records it, what was refused too; that has no step, whatever its number had.
+
+    The counter restarts twice, the first time with its clock behind.
+    """
+    numbers = [*range(1, 8), *range(1, 8), *range(1, 8)]
+    starts = [1e9 + n + 5000 * (0, -1, 1)[i // 7] for i, n in enumerate(numbers)]
+    sent = experiments(numbers, starts)
+    twin, made = Twin.from_settings(SHORT, GIVEN), []
+    with BagWriter(tmp_path / "run", "rotor") as writer:
+        for one in sent:
+            steps_of_it = list(twin.steps([one]))
+            for step in steps_of_it:
+                offline.write_step(writer, step)
+            if not steps_of_it:
+                writer.write("experiment", one, one.end)
+            made += steps_of_it
+    assert len(made) == 17
+    found = read(tmp_path / "run")
+    for step, truth in zip(found.steps, made, strict=True):
+        assert (step.number, step.experiment.start) == (truth.number, truth.experiment.start)
+        assert step.prediction.speed.tobytes() == truth.prediction.speed.tobytes()
+        assert step.original is not None
+        assert step.original.start == truth.experiment.start
+        assert (repr(step.signal), step.adaptation) == (repr(truth.signal), truth.adaptation)
+    table = found.to_frame()
+    assert (len(table), table["signal"].notna().sum()) == (21, 17)
+    assert inspect(read_bag(tmp_path / "run")).experiments == 21
 
 
 def test_a_run_that_goes_on_with_other_experiments_says_so(tmp_path):

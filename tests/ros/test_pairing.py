@@ -17,30 +17,36 @@ from ldt_ros.nodes.adaptor_node import AdaptorNode
 from ldt_ros.nodes.detector_node import DetectorNode
 from ldt_ros.nodes.pairing import Pairing
 
+ABOUT = st.tuples(st.integers(1, 4), st.sampled_from((-5000.0, 0.0, 1000.0)))
 SIDES = st.lists(st.tuples(st.booleans(), st.integers(1, 12)), max_size=60)
+TIMED = st.lists(st.tuples(st.booleans(), ABOUT), max_size=60)
 
 
-@given(SIDES)
+@given(SIDES.map(lambda sides: [(left, (number, None)) for left, number in sides]) | TIMED)
 def test_pairing_brings_the_first_of_each_side_together_once(arrivals):
-    """In any order of arrival, each number once; what is lost is counted, as long as all fit."""
+    """In any order of arrival, each number once, or each number and time where that is known.
+
+    What is lost is counted, as long as all fit. What the twin refused keeps no later one of its
+    number from its own: a counter that restarted twice, first with its clock behind.
+    """
     met: list[tuple[str, str]] = []
     pairing: Pairing[str, str] = Pairing(lambda left, right: met.append((left, right)))
-    waiting: dict[tuple[bool, int], str] = {}
+    waiting: dict[tuple[bool, tuple[int, float | None]], str] = {}
     expected, dropped, repeated = [], 0, 0
-    done: set[int] = set()
-    for index, (is_left, number) in enumerate(arrivals):
-        item = f"{number} at {index}"
-        (pairing.left if is_left else pairing.right)(number, item)
-        other = waiting.pop((not is_left, number), None)
+    done: set[tuple[int, float | None]] = set()
+    for index, (is_left, about) in enumerate(arrivals):
+        item = f"{about} at {index}"
+        (pairing.left if is_left else pairing.right)(about[0], item, about[1])
+        other = waiting.pop((not is_left, about), None)
         if other is not None:
             expected.append((item, other) if is_left else (other, item))
-            done.add(number)
-        elif number in done:
+            done.add(about)
+        elif about in done:
             repeated += 1
-        elif (is_left, number) in waiting:
+        elif (is_left, about) in waiting:
             dropped += 1
         else:
-            waiting[is_left, number] = item
+            waiting[is_left, about] = item
     assert met == expected
     assert (pairing.dropped, pairing.repeated) == (dropped, repeated)
 
