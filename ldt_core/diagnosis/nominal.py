@@ -139,21 +139,40 @@ def beyond(
     return {n: d for n, d in far.items() if d > THRESHOLDS.prior_deviations}
 
 
-def enough(found: Sequence[Refit], before: float) -> str:
-    """The sentence where these parameters close a gap by themselves; "" where there is none.
+def close_it(found: Sequence[Refit]) -> bool:
+    """Whether nominal parameters close a gap by themselves: one of which they close next to nothing
+    is none.
+    """
+    return bool(found) and (found[0].closed_fraction or 0.0) > THRESHOLDS.told_of_gap
 
-    A gap of which they close next to nothing is none.
+
+def enough(machine: Machine, found: Sequence[Refit], before: float) -> str:
+    """The sentence where these parameters close a gap by themselves; "" where there is none.
 
     Args:
         before: the file's error on held-out experiments [rad/s].
     """
-    if not found or not (found[0].closed_fraction or 0.0) > THRESHOLDS.told_of_gap:
+    if not close_it(found):
         return ""
     what = listed(f"{r.parameter} × {r.factor:.3g}" for r in found)
+    left = _left_when_made(machine)
+    since = (
+        f" The file left {left:.3g} rad/s on experiments held out when it was made: the machine, "
+        "or how it is used, has changed since."
+        if left is not None and before > THRESHOLDS.noise_level_change * left
+        else ""
+    )
     return (
         f"No effect is needed: nominal parameters that were fitted along ({what}) close "
-        f"{found[0].closed_fraction:.0%} of the gap of {before:.3g} rad/s."
+        f"{found[0].closed_fraction:.0%} of the gap of {before:.3g} rad/s.{since}"
     )
+
+
+def _left_when_made(machine: Machine) -> float | None:
+    """The file's error on experiments held out when it was made [rad/s], where it states one."""
+    told = machine.calibration.get("held_out")
+    left = told.get("rmse_after", told.get("rmse")) if isinstance(told, dict) else None
+    return left if isinstance(left, float) else None
 
 
 def as_calibrated(machine: Machine, before: float) -> str:
@@ -162,9 +181,8 @@ def as_calibrated(machine: Machine, before: float) -> str:
     Args:
         before: the file's error on held-out experiments [rad/s].
     """
-    told = machine.calibration.get("held_out")
-    left = told.get("rmse_after") if isinstance(told, dict) else None
-    if not isinstance(left, float) or not before <= THRESHOLDS.noise_level_change * left:
+    left = _left_when_made(machine)
+    if left is None or not before <= THRESHOLDS.noise_level_change * left:
         return ""
     return (
         f"The file left {left:.3g} rad/s on experiments held out of its calibration, so the "
@@ -185,7 +203,7 @@ def said(machine: Machine, found: Sequence[Refit], far: Mapping[str, float], bef
     what = listed(
         f"{r.parameter} is not {machine.parameters[r.parameter]:.4g} {units[r.parameter]} any more "
         f"but {r.factor * machine.parameters[r.parameter]:.4g} (× {r.factor:.3g}, "
-        f"{far[r.parameter]:.2g} deviations)"
+        f"{far[r.parameter]:.{max(2, len(str(int(far[r.parameter]))))}g} deviations)"
         for r in found
         if r.parameter in far
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from ldt_core.base.sentences import spoken
+from ldt_core.base.sentences import listed, spoken
 from ldt_core.diagnosis.diagnosis import Gap, GapLocation, HeldOutErrors, ParameterAmount
 
 COMMON_RANGE = 0.5  # of two ranges together: where both hold more, one of them is said
@@ -46,10 +46,9 @@ def sentence(
             f"On held-out experiments the error is {gap.before.rmse:.3g} rad/s."
         )
     that = "it" if len(acting) == 1 else "them"
-    what = " and ".join(_one(group, amounts) for group in acting)
-    verb, part = "explains" if len(acting) == 1 else "explain", gap.closed_fraction
+    what, verb, part = *_acting(acting, amounts), gap.closed_fraction
     ends = gap.closed_fraction_ci95
-    closed = "" if part is None else f" {verb} {part:.0%} of the gap"
+    closed = f" {verb} the gap in part" if part is None else f" {verb} {part:.0%} of the gap"
     if part is None and ends is not None:
         closed = f" {verb} {ends[0]:.0%} to {ends[1]:.0%} of the gap, by the experiment"
     if begun:
@@ -123,12 +122,24 @@ def not_measured(fault: str, verdict: str) -> str:
     return f"{verdict} That is by the experiments before a sensor fault: {fault}."
 
 
+def _acting(
+    acting: Sequence[Sequence[str]], amounts: Mapping[str, Mapping[str, ParameterAmount]]
+) -> tuple[str, str]:
+    """What acts, and the verb that goes with it."""
+    told = [_one(group, amounts) for group in acting]
+    unsettled = any(len(group) > 1 for group in acting)
+    if len(told) == 1:
+        return (f"{told[0]},", "explains") if unsettled else (told[0], "explains")
+    if unsettled:
+        return f"{'; and '.join(told)}: together they", "explain"
+    return " and ".join(told), "explain"
+
+
 def _one(group: Sequence[str], amounts: Mapping[str, Mapping[str, ParameterAmount]]) -> str:
     named = f"{spoken(group[0])} ({values(amounts[group[0]])})"
     if len(group) == 1:
         return named
-    others = " or ".join(spoken(n) for n in group[1:])
-    return f"{named} or, not to be told apart here, {others}"
+    return f"{listed([named, *map(spoken, group[1:])], 'or')}, not told apart here"
 
 
 def values(parameters: Mapping[str, ParameterAmount]) -> str:

@@ -168,7 +168,8 @@ class SetFits:
         while len(names) < len(tries) and (whatever or not (names and self.spent)):
             part = functools.partial(work, len(names))
             for tried in spread(part, min(AT_ONCE, len(tries) - len(names)), self.workers):
-                self.tick("fitting sets of effects")
+                part_done = min(self.residuals.work.steps / MOST_WORK, 1.0)
+                self.tick(f"fitting sets of effects, {part_done:.0%} of the most work")
                 names.append(frozenset(tried.names))
                 before = self.found.scouted.get(names[-1])
                 if before is None or tried.loss < before.loss:

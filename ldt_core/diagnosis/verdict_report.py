@@ -171,7 +171,7 @@ class VerdictReport:
         if strained and not (blind or off):
             words = STRAINED
         if d.kind == "none":
-            words = enough(refit, was.rmse) or words
+            words = enough(self.machine, refit, was.rmse) or words
         elif self.named is None and not self.faulty:
             words = f"{words} {as_calibrated(self.machine, was.rmse)}".rstrip()
         sure = self.named is not None or d.kind == "none" or strained

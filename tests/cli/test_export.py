@@ -16,12 +16,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ldt_core.base.experiment import Experiment
 from ldt_core.base.settings import resolve
 from ldt_core.cli import invoke, ldt
 from ldt_core.machine import Plant
 from ldt_core.machine.machine_file import load_machine
 from ldt_core.recording.bag import read_bag
 from ldt_core.recording.messages import deserialize
+from ldt_core.recording.writer import BagWriter
 from ldt_core.runs.offline import run
 from ldt_core.views.export import sample_table
 from ldt_core.views.export.sample_messages import KIND
@@ -169,3 +171,13 @@ def test_a_recording_is_served_with_its_samples(bag, programs):
         process.send_signal(signal.SIGINT)
         _, errors = process.communicate(timeout=PATIENCE)
     assert (process.returncode, errors) == (0, "")
+
+
+@pytest.mark.parametrize("start", [-1.0, 5e9])
+def test_a_time_that_no_stamp_holds_ends_no_export(start, tmp_path):
+    """A machine's clock may say anything; the stamps are held at their ends."""
+    strange = Experiment(1, start, 0.01, np.ones(4), np.ones(4))
+    with BagWriter(tmp_path / "bag", machine="rotor") as writer:
+        writer.write("experiment", strange, 1e9)
+    found = read_bag(exported(tmp_path / "bag", tmp_path / "run.mcap"))
+    assert len(list(found.messages("joint_states"))) == 4

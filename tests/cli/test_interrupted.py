@@ -124,6 +124,18 @@ def test_who_insists_is_heard_at_once():
     assert signal.getsignal(signal.SIGINT) is before
 
 
+def test_an_alarm_of_somebody_else_ends_nothing():
+    """A user's own part may set one; only who has asked to end is not waited for."""
+
+    def items():
+        for k in range(3):
+            signal.raise_signal(signal.SIGALRM)
+            yield k
+
+    with stop_on_signals() as stop:
+        assert list(stop.in_time(items())) == [0, 1, 2]
+
+
 INTERRUPTED_WHILE_LOADING = """
 import signal, sys
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import threading
 from itertools import pairwise
@@ -138,3 +139,13 @@ def test_what_a_machine_streams_is_sent_on_at_once(relay):
     relay.tick()
     assert len(relay.joints()) == 1 + LENGTH
     assert sum(topic == "/voltage" for topic, _, _ in relay.sent) == 2 * LENGTH
+
+
+@pytest.mark.parametrize("moment", [-1.0, 1e300])
+def test_a_time_that_no_stamp_holds_is_sent_on(relay, moment):
+    """It is held at the ends of what a stamp can say."""
+    relay.feed("", "experiment", dataclasses.replace(measured(1), start=moment))
+    relay.now = foxglove_relay.PATIENCE + 1
+    relay.tick()
+    assert len(relay.joints()) == LENGTH
+    FoxgloveRelay._send(relay, "/joint_states", KIND, relay.sent[-1][2], moment)

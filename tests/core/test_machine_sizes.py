@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from ldt_core.diagnosis.candidate import Candidate
 from ldt_core.effects import EFFECTS
 from ldt_core.machine.machine_file import load_machine
 from ldt_core.physics.machine_sizes import in_own_sizes, machine_scales
@@ -49,3 +51,18 @@ def test_an_effect_accepts_its_values_in_every_size(name, torque, speed):
     assert absent[first] == effect.neutral[first]
     found = in_own_sizes(effect, effect.typical, sizes)
     assert effect.check(found) == found
+
+
+def test_a_coupling_is_sought_where_it_shows_on_this_machine():
+    """A search of absolute stiffnesses ended above those at which a small motor's shaft swings."""
+    effect = EFFECTS.get("torsional_compliance")
+    values = {"J": 3e-4, "K_t": 0.05, "R": 1.5, "b": 1e-4}
+    candidate = Candidate(effect, 12.0, machine_scales(values, 12.0))
+    low, high = candidate.bounds
+    for hertz in (1.0, 2.0, 5.0, 10.0):
+        z = candidate.coordinate(1, values["J"] / 4 * (2 * math.pi * hertz) ** 2)
+        assert low[1] < z < high[1]
+    stiffness = [candidate.given(z)["stiffness"] for z in candidate.starts()]
+    swings = np.sqrt(np.array(stiffness) / (values["J"] / 4)) / (2 * math.pi)
+    assert swings.min() < 2.0
+    assert swings.max() > 8.0

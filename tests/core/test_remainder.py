@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import json
+import math
 
 import numpy as np
 import pytest
@@ -120,13 +121,32 @@ def test_a_record_of_it_predicts_the_same_bits():
 
 
 def test_what_cannot_be_its_parameters_is_refused():
-    """With one sentence."""
+    """With one sentence; a number that is not finite would be written by beside its arrays."""
     record = RemainderModel(MOTOR).fit([driven(curve, 1)]).record()
     known = record.parameters["remainder"]
-    for broken in ({"span": 0.0}, {"weights": [1.0]}, {"speed": [0.0, 1.0, 1]}, {"lags": [-1.0]}):
+    (_, *others), (_, *more) = known["speed"], known["weights"]
+    for broken in (
+        {"span": 0.0},
+        {"weights": [1.0]},
+        {"speed": [0.0, 1.0, 1]},
+        {"lags": [-1.0]},
+        {"weights": [None, *more]},
+        {"weights": [math.nan, *more]},
+        {"speed": [None, *others]},
+        {"plays": [math.inf, *known["plays"][1:]]},
+    ):
         wrong = {**record.parameters, "remainder": {**known, **broken}}
         with pytest.raises(ModelError):
             RemainderModel.from_record(dataclasses.replace(record, parameters=wrong), MOTOR)
+
+
+def test_a_run_that_diverges_is_told_and_looks_nothing_up():
+    """Beyond floating point there is no place among the nodes."""
+    learned = RemainderModel(MOTOR).fit([driven(curve, 1)])
+    shape, weights = learned.learned.shape, np.full(learned.learned.shape.size, 1e308)
+    run = learned._drive(driven(curve, 2), np.zeros(600))
+    speed, _ = free_run(shape, weights, run)
+    assert not np.isfinite(speed[-1])
 
 
 def test_a_machine_that_stood_still_teaches_nothing():

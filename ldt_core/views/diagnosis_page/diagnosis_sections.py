@@ -10,6 +10,7 @@ from typing import Any
 import msgs_config
 from ldt_core.base.sentences import counted, listed, ranges, spans
 from ldt_core.diagnosis.diagnosis import Diagnosis, RankedCandidate, Refit
+from ldt_core.diagnosis.nominal import close_it
 from ldt_core.views.diagnosis_page import gap_curves, ranking, time_curves
 from ldt_core.views.diagnosis_page.headline import WORDS, headline
 from ldt_core.views.diagnosis_page.number_format import (
@@ -54,7 +55,10 @@ def answer(diagnosis: Diagnosis, kept: Path) -> Answer:
     section of its own.
     """
     verdict = diagnosis.verdict
-    mark = Mark(WORDS.get(verdict.kind, verdict.kind), TONES.get(verdict.kind, "open"))
+    words = WORDS.get(verdict.kind, verdict.kind)
+    if verdict.kind == "none" and close_it(diagnosis.refit):
+        words = "no effect needed"
+    mark = Mark(words, TONES.get(verdict.kind, "open"))
     aside = f"confidence {percent(verdict.confidence)}".replace(" ", "\N{NO-BREAK SPACE}")
     step, command = next_step(diagnosis, kept)
     if not command and diagnosis.next_experiment is not None:
@@ -132,10 +136,9 @@ def next_step(diagnosis: Diagnosis, kept: Path) -> tuple[str, str]:
     machine = _machine(diagnosis)
     recordings = [shlex.quote(name) for name in diagnosis.recordings] or ["RECORDING"]
     play = f"ldt run --play {recordings[0]} --machine {machine} --out played"
-    fitted = (
-        f"ldt calibrate {' '.join(recordings)} --machine {machine} "
-        f"--with {shlex.quote(str(kept))} --out FILE.yaml"
-    )
+    calibrated = f"ldt calibrate {' '.join(recordings)} --machine {machine}"
+    fitted = f"{calibrated} --with {shlex.quote(str(kept))} --out FILE.yaml"
+    anew = f"{calibrated} --out FILE.yaml"
     return {
         "effect": ("add what was found to the machine file", fitted),
         "unknown": (
@@ -149,7 +152,9 @@ def next_step(diagnosis: Diagnosis, kept: Path) -> tuple[str, str]:
                 play,
             )
         ),
-        "none": ("let the twin watch for changes", play),
+        "none": ("fit the file's numbers anew", anew)
+        if close_it(diagnosis.refit)
+        else ("let the twin watch for changes", play),
     }.get(diagnosis.verdict.kind, ("", ""))
 
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 from ldt_core.base.sentences import listed, spoken
 from ldt_core.diagnosis.diagnosis import Diagnosis, ParameterAmount
+from ldt_core.diagnosis.nominal import close_it
 from ldt_core.diagnosis.sentence import location
 from ldt_core.views.diagnosis_page.number_format import known, percent, unit_of, value_of
 
@@ -32,6 +33,11 @@ def headline(diagnosis: Diagnosis) -> str:
     if SENSOR in verdict.sentence:
         return verdict.sentence
     before, after = (value_of(e.rmse, DIGITS) for e in (gap.before, gap.after))
+    if verdict.kind == "none" and close_it(diagnosis.refit):
+        return (
+            f"No effect is needed: the file's own numbers, within their tolerances, close "
+            f"{percent(diagnosis.refit[0].closed_fraction)} of the gap of {before} rad/s."
+        )
     if verdict.kind == "none":
         return (
             f"No gap: the machine file predicts the speed to {before} rad/s, "

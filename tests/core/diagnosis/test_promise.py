@@ -54,6 +54,15 @@ def test_more_of_the_same_is_promised_and_comes_true(forward, reversing):
         assert of.interval[0] <= of.closed_fraction <= of.interval[1]
 
 
+def test_a_file_with_the_keys_of_the_verdict_alone_is_as_good(reversing):
+    """`effects` is for programs; a number that no float holds is as good as none."""
+    bare = {key: value for key, value in reversing.items() if key != "effects"}
+    further = record(MOTOR, FRICTION, count=3, volts=BOTH)
+    assert promised(MOTOR, bare, further).as_dict() == promised(MOTOR, reversing, further).as_dict()
+    huge = {**reversing, "gap": {**reversing["gap"], "closed_fraction": 10**400}}
+    assert promised(MOTOR, huge, further).closed_fraction is None
+
+
 def test_nothing_is_promised_where_those_that_look_alike_differ(forward):
     """A load that pulls one way, and a friction that turns with the motion."""
     assert forward["verdict"]["kind"] == "ambiguous"
