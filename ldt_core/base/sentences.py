@@ -8,17 +8,21 @@ from collections.abc import Iterable, Sequence
 
 Span = tuple[int, int]  # first and last of whole numbers without a gap
 
+MOST_COUNTED = 1e15  # whole numbers that a float tells apart
+
 
 def number(value: float, digits: int = 3) -> str:
-    """A number with so many significant digits, never an exponent.
+    """A number with so many significant digits; an exponent only where zeros are not counted.
 
-    >>> number(0.12345), number(1234.5), number(-0.0), number(float("inf"))
-    ('0.123', '1234', '0', '∞')
+    >>> number(0.12345), number(1234.5), number(-0.0), number(float("inf")), number(2e300)
+    ('0.123', '1234', '0', '∞', '2e+300')
     """
     if not math.isfinite(value):
         return "∞" if value > 0 else "−∞" if value < 0 else "unknown"
     if value == 0:
         return "0"
+    if abs(value) >= MOST_COUNTED:
+        return f"{value:.{digits}g}"
     places = max(0, digits - 1 - math.floor(math.log10(abs(value))))
     return f"{value:.{min(places, 6)}f}"
 

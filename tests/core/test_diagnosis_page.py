@@ -17,7 +17,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ldt_core.base.errors import LdtError
-from ldt_core.diagnosis.diagnosis import Gap, GapLocation, HeldOutErrors, ParameterAmount
+from ldt_core.diagnosis.diagnosis import (
+    Gap,
+    GapLocation,
+    HeldOutErrors,
+    ParameterAmount,
+    Refit,
+)
 from ldt_core.views.diagnosis_page import diagnosis_page, diagnosis_sections
 from ldt_core.views.diagnosis_page.diagnosis_page import picture
 from ldt_core.views.diagnosis_page.headline import WORDS, headline
@@ -115,7 +121,13 @@ def test_the_short_sentence_names_cause_amount_and_what_it_closes(diagnoses):
     assert headline(replace(unknown, where=(late,))).endswith(
         f"; {percent(0.71)} of it lies in experiments 5 to 8."
     )
-    assert headline(diagnoses["none"]).startswith("No gap: ")
+    none = diagnoses["none"]
+    assert headline(none).startswith("No gap: ")
+    closing = Refit("J", 1.1, None, 0.05, 0.97)
+    assert headline(replace(none, refit=[closing])).startswith("No effect is needed: the file's ")
+    told = diagnosis_sections.answer(replace(none, refit=[closing]), Path("diagnosis.json"))
+    assert told.mark.word == "no effect needed"
+    assert "ldt calibrate" in told.command
     verdict = replace(unknown.verdict, sentence="Sensor fault: it sticks.")
     assert headline(replace(unknown, verdict=verdict)) == "Sensor fault: it sticks."
 
@@ -134,7 +146,7 @@ def test_several_causes_of_which_some_stay_open_are_told_apart_in_the_sentence(d
     verdict = replace(
         found.verdict,
         kind="ambiguous",
-        acting=[["armature_resistance"], ["viscous_asymmetric", "viscous_friction"]],
+        acting=[["armature_resistance"], ["viscous_asymmetric", "viscous_friction", "inertia"]],
     )
     found = replace(
         found,
@@ -143,7 +155,7 @@ def test_several_causes_of_which_some_stay_open_are_told_apart_in_the_sentence(d
         verdict=verdict,
     )
     assert headline(found).startswith(
-        "Armature resistance (1.6 ± 0.1 times); viscous asymmetric or viscous friction: "
+        "Armature resistance (1.6 ± 0.1 times); viscous asymmetric, viscous friction or inertia: "
         "together they close "
     )
     pairs = dict(

@@ -168,7 +168,8 @@ def _machine(diagnosis: Diagnosis) -> str:
 def _added(diagnosis: Diagnosis, effect: Mapping[str, Any]) -> tuple[str, str]:
     """An effect of the verdict with its amounts, or a number of the file that was fitted along."""
     name = str(effect["effect"])
-    if name not in {n for group in diagnosis.verdict.acting for n in group}:
+    # The first of a group was added; another of its names is the file's own number, fitted along.
+    if name not in {group[0] for group in diagnosis.verdict.acting}:
         told = (f"{n} = {value_of(v)}" for n, v in effect["parameters"].items())
         return "fitted along", f"{name}: {', '.join(told)}"
     ranked = [c for c in diagnosis.candidates if c.effect == name]
