@@ -135,15 +135,12 @@ class Candidate:
                 low.append(-math.inf)
                 high.append(math.inf)
             elif logarithmic(p):
-                limit = 1e-6
+                most = self.effect.most_factor
+                limit = 1 / most if p.unit else LEAST_FACTOR
                 if limits_voltage(p) and p.default:
                     limit = LEAST_VOLTAGE * self.most_voltage / p.default
-                low.append(math.log(limit if p.high < math.inf else LEAST_FACTOR))
-                high.append(
-                    self.coordinate(j, p.high)
-                    if p.high < math.inf
-                    else math.log(self.effect.most_factor)
-                )
+                low.append(math.log(limit))
+                high.append(self.coordinate(j, p.high) if p.high < math.inf else math.log(most))
             else:
                 s = self.scale(j)
                 low.append((p.low + OPEN_BOUND_MARGIN * s * p.open_low - (p.default or 0.0)) / s)

@@ -113,7 +113,12 @@ TORSIONAL_COMPLIANCE = Effect(
         ),
     ),
     typical={"share": 0.5},
-    search={"share": (0.2, 0.6), "stiffness": (0.3, 1.0, 4.0, 16.0), "damping": (0.003, 0.03)},
+    search={
+        "share": (0.2, 0.6),
+        "stiffness": (0.07, 0.3, 1.0, 4.0, 16.0),
+        "damping": (0.003, 0.03),
+    },
+    most_factor=1000.0,  # from swings of a few seconds to those that no sample shows
     on_parameters=lambda values, share, stiffness, damping: scaled(values, 1.0 - share, "J"),
     torque=_compliance,
     states=("theta_far", "omega_far"),

@@ -89,7 +89,7 @@ class Effect:
         family: of effects that are alike but for details of their laws. As no law is exactly a
             machine's, a diagnosis names a second one of a family only on stronger evidence.
         most_factor: times its value that a parameter may have become, for a diagnosis; with more,
-            it takes the machine for another one.
+            it takes the machine for another one. An amount may be so much smaller, too.
         search: values of parameters that a diagnosis begins its search with, every combination;
             for those that are not named it takes values about their scale.
         detailed: the same law in more detail, an effect of the same name with further parameters.
