@@ -315,7 +315,12 @@ class GreyBoxModel(Model):
             was = old.get(effect.name, effect.neutral)
             if not reads_the_same(effect, was, self.given[effect.name]):
                 said.append(change_of(effect, was, self.given[effect.name]))
-        said += [f"{spoken(name)} has gone" for name in old if name not in self.given]
+        of_file = [effect.name for effect, _ in self.machine.effects]
+        said += [
+            f"{spoken(name)} is the file's again" if name in of_file else f"{spoken(name)} has gone"
+            for name in old
+            if name not in self.given
+        ]
         if said and self.parameters["alike"]:
             others = listed([spoken(n) for n in self.parameters["alike"]], "or")
             said[-1] += f" (or {others}: not told apart)"

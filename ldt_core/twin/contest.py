@@ -126,16 +126,15 @@ class ContestAdaptor(Adaptor):
         long = self.watch.worse and not alike(self.model, self.original)
         seen = signal.level is not Level.NEGATIVE or signal.state != "new_range"
         if found is None and (long or (not seen and self.watch.worse_now)):
-            where = "erred less over ten experiments" if long else "errs less in this new range"
+            where = self.watch.why if long else "errs less in this new range"
             found, details[ORIGINAL] = (self.original, f"is the original again, which {where}"), 1.0
-            self.watch = OriginalWatch()
+            self.watch.withdraw(self.model.version)
         known = self._explaining if signal.level is Level.WARNING else None
         if found is None and known and self._returns(known, experiment) is known:
             found = known, f"is version {known.version} again"
         if found is None:
             return None
-        model, origin = found
-        before = self.model
+        (model, origin), before = found, self.model
         self._adopt(model.again(before.version + 1))
         if signal.level is Level.WARNING:
             self.memory.store(experiment)
@@ -143,8 +142,8 @@ class ContestAdaptor(Adaptor):
             self.memory.clear()
         self.memory.remember(experiment)
         details["warning_set"] = len(self.memory)
-        version, reason = self.model.version, self._reason(before, experiment, origin)
-        told = Adaptation(experiment.number, Action.ADAPTED, version, reason, details)
+        reason = self._reason(before, experiment, origin, ORIGINAL not in details)
+        told = Adaptation(experiment.number, Action.ADAPTED, self.model.version, reason, details)
         return self._warned(told, experiment), self.model
 
     def _adopt(self, model: Model) -> None:
@@ -236,9 +235,10 @@ class ContestAdaptor(Adaptor):
             origin = f"is version {next_one.version} again"
             if next_one is not version:
                 often = f"version {version.version} explains it, but the machine changes so often"
-                origin = f"{often} that version {next_one.version} will err less"
+                often = f"{often} that version {next_one.version} will err less"
                 if alike(next_one, before):
-                    return Action.REFUSED, origin, {}
+                    return Action.REFUSED, often, {}
+                origin = f"{origin}: {often}"
             self._adopt(next_one.again(before.version + 1))
             return Action.ADAPTED, self._reason(before, experiment, origin), {}
         search = CauseSearch(self.candidates, self._question(experiment))
@@ -265,11 +265,12 @@ class ContestAdaptor(Adaptor):
         if flexible is not None and not self._fails_before(flexible, experiment):
             origin = f"does better in what was held back from it, {said}"
             return self._learned_by(flexible, origin, experiment, details)
-        nearest = min((self.original, *self.earlier), key=lambda m: squared_error(m, judged))
+        known = [m for m in self.earlier if m.version not in self.watch.withdrawn]
+        nearest = min((self.original, *known), key=lambda m: squared_error(m, judged))
         if pays(nearest, before, judged) and self._returns(nearest, experiment) is nearest:
             self._adopt(nearest.again(before.version + 1))
             origin = f"is version {nearest.version} again, which errs least"
-            return Action.ADAPTED, self._reason(before, experiment, origin), details
+            return Action.ADAPTED, self._reason(before, experiment, origin, False), details
         return Action.REFUSED, f"{said}, {then}; {stays}", details
 
     def _keep(self, search: CauseSearch, judged: Sequence[Experiment], over: bool) -> None:
@@ -294,9 +295,10 @@ class ContestAdaptor(Adaptor):
         about = self._recent(experiment), experiment, self._elsewhere, due
         return Question(self._grey(), versions, self.learned_from, *about, pool=())
 
-    def _reason(self, before: Model, experiment: Experiment, origin: str) -> str:
+    def _reason(self, before: Model, experiment: Experiment, origin: str, sure: bool = True) -> str:
+        """In words; of a version that explains nothing it is not known what has changed."""
         words = f"version {self.model.version} {origin}"
-        change = self.model.change(before)
+        change = self.model.change(before) if sure else ""
         return f"since experiment {experiment.number}: {change}; {words}" if change else words
 
     def unexplained(self, experiment: Experiment) -> list[Experiment]:
@@ -361,7 +363,7 @@ class ContestAdaptor(Adaptor):
             self._took(before, [*recent, step.experiment], step.signal)
             self._saw(step.experiment)
         if told.get(ORIGINAL):
-            self.watch = OriginalWatch()
+            self.watch.withdraw(before.version)
 
     def _recall_search(self, step: RecordedStep) -> None:
         """What a search was granted, that it has ended, or that another one began."""
@@ -381,20 +383,18 @@ class ContestAdaptor(Adaptor):
         """Its state by the numbers of what is recorded; `return_to` takes it back."""
         search = None if self.search is None else self.search.state()
         learned = [[e.number, e.start] for e in self.learned_from]
-        own = {"errors": list(self.watch.errors), "search": search, "learned_from": learned}
+        own = {"watch": self.watch.state(), "search": search, "learned_from": learned}
         chain, backoff = self.chain.state(), self.backoff.state()
         return {**super().state(), **own, "chain": chain, "backoff": backoff}
 
     def return_to(self, state: Mapping[str, Any], archive: Archive) -> None:
         """Take back a state, before any step here."""
-        errors = [(float(twin), float(original)) for twin, original in state["errors"]]
         learned = [archive.experiment(number, start) for number, start in state["learned_from"]]
         chain = ConditionChain()
         chain.return_to(state["chain"], archive)
-        search = state["search"]
-        if search is not None:
-            search = CauseSearch.of(search, self.candidates, self.original, archive)
+        asked = state["search"]
+        search = asked and CauseSearch.of(asked, self.candidates, self.original, archive)
         super().return_to(state, archive)
-        self.watch, self.search, self.chain = OriginalWatch(errors), search, chain
+        self.watch, self.search, self.chain = OriginalWatch.of(state["watch"]), search, chain
         self.learned_from = learned
         self.backoff.return_to(state["backoff"])

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 #: Experiments over which the twin is compared with the original, and the least of them.
 COMPARED, LEAST_COMPARED = 10, 5
@@ -16,14 +17,33 @@ class OriginalWatch:
 
     Attributes:
         errors: of the twin and the original [rad/s] in the last experiments.
+        withdrawn: versions that the original took the place of. What erred more over several
+            experiments may err less in one by luck: such a version returns only where it explains.
     """
 
-    def __init__(self, errors: Iterable[tuple[float, float]] = ()) -> None:
-        self.errors = deque(errors, COMPARED)
+    def __init__(
+        self, errors: Iterable[tuple[float, float]] = (), withdrawn: Iterable[int] = ()
+    ) -> None:
+        self.errors, self.withdrawn = deque(errors, COMPARED), set(withdrawn)
 
     def saw(self, twin: float, original: float) -> None:
         """Largest errors [rad/s] in one more experiment."""
         self.errors.append((twin, original))
+
+    def withdraw(self, version: int) -> None:
+        """The original has taken the place of a version; the comparison begins anew."""
+        self.errors.clear()
+        self.withdrawn.add(version)
+
+    def state(self) -> dict[str, Any]:
+        """In JSON types."""
+        return {"errors": list(self.errors), "withdrawn": sorted(self.withdrawn)}
+
+    @classmethod
+    def of(cls, state: Mapping[str, Any]) -> OriginalWatch:
+        """The one that said this of its state."""
+        errors = [(float(twin), float(original)) for twin, original in state["errors"]]
+        return cls(errors, map(int, state["withdrawn"]))
 
     @property
     def worse(self) -> bool:
@@ -32,6 +52,11 @@ class OriginalWatch:
             return False
         (now, first), (twin, original) = self.errors[-1], map(sum, zip(*self.errors, strict=True))
         return now > first and twin > WORSE * original
+
+    @property
+    def why(self) -> str:
+        """What speaks for the original, in words."""
+        return f"erred less over {len(self.errors)} experiments"
 
     @property
     def worse_now(self) -> bool:

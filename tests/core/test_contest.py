@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import json
 from types import SimpleNamespace
 
 import numpy as np
@@ -22,6 +23,7 @@ from ldt_core.restart.stage_restart import TwinRestart
 from ldt_core.runs.offline import run
 from ldt_core.twin.cause_search import CauseSearch, Question
 from ldt_core.twin.loop import Twin
+from ldt_core.twin.original_watch import OriginalWatch
 from ldt_core.twin.version_errors import fails_before
 
 pytestmark = pytest.mark.slow
@@ -111,10 +113,29 @@ def test_the_comparison_begins_anew_whenever_the_original_is_back():
     last = [twin.step(plant.experiment(i)) for i in range(1, 8)][-1]
     healthy = Plant(ROTOR, experiments=8, seed=3, degradation="none").experiment(8)
     signal = dataclasses.replace(last.signal, state="new_range", max_error=50.0)
+    erring = twin.adaptor.model.version
     told, model = twin.adaptor.step(healthy, signal)
     assert "is the original again" in told.reason
+    assert "has" not in told.reason.split("which")[0]  # what changed is not known
+    assert twin.adaptor.watch.withdrawn == {erring}
     assert model.parameters == twin.adaptor.original.parameters
     assert not twin.adaptor.watch.errors
+
+
+def test_what_erred_more_over_several_experiments_returns_only_where_it_explains():
+    """In one experiment it may err less by luck; such versions came and went again and again."""
+    plant = Plant(wearing("quadratic_drag", "c", 4e-4), experiments=8, seed=3)
+    twin = ldt.Twin("rotor", model="auto")
+    last = [twin.step(plant.experiment(i)) for i in range(1, 8)][-1]
+    adaptor = twin.adaptor
+    learned = adaptor.model
+    adaptor._adopt(adaptor.original.again(learned.version + 1))
+    adaptor.watch.withdraw(learned.version)
+    again = OriginalWatch.of(json.loads(json.dumps(adaptor.watch.state())))
+    assert again.withdrawn == adaptor.watch.withdrawn
+    positive = dataclasses.replace(last.signal, level=ldt.Level.POSITIVE, state="changed")
+    told, _ = adaptor.step(plant.experiment(8), positive)  # which it explains
+    assert f"is version {learned.version} again" in told.reason
 
 
 def test_a_version_is_not_replaced_for_what_does_not_pay():

@@ -264,3 +264,11 @@ def test_with_effects_replaces_and_refuses():
     assert get_effect("coulomb_friction").neutral == {"torque": 0.0}
     with pytest.raises(OptionError):
         motor(effects=LOOSE).effect("nothing_known")
+
+
+def test_a_known_effect_that_is_as_the_file_says_has_not_gone():
+    """It acts as before: the twin only takes it for no other than the file's any more."""
+    plain = GreyBoxModel(motor(effects=FRICTION))
+    grown = {**plain.parameters, "effects": {"coulomb_friction": {"torque": 0.05}}}
+    words = plain.change(GreyBoxModel(plain.machine, grown, 1))
+    assert words == "coulomb friction is the file's again"
