@@ -5,13 +5,13 @@ from __future__ import annotations
 import itertools
 import math
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from ldt_core.base.experiment import Experiment
 from ldt_core.models.base import Model
 from ldt_core.twin.stage import Archive
-from ldt_core.twin.version_errors import largest_error
+from ldt_core.twin.version_errors import FAR, explains, largest_error
 
 #: Experiments remembered: enough for a frequency to be known within a tenth.
 REMEMBERED = 100
@@ -32,6 +32,8 @@ class ConditionChain:
     def __init__(self) -> None:
         self.path: deque[int | None] = deque(maxlen=REMEMBERED)
         self.shown: dict[int, Experiment] = {}
+        # Of other conditions, the model and the experiment shown that it does not explain.
+        self._apart: dict[int, tuple[Model, Experiment]] = {}
 
     def saw(self, condition: int | None, experiment: Experiment) -> None:
         """Take in one experiment."""
@@ -45,6 +47,25 @@ class ConditionChain:
         self.path = deque((new if c == old else c for c in self.path), REMEMBERED)
         if old in self.shown:
             self.shown[new] = self.shown.pop(old)
+
+    def merge(
+        self, model: Model, here: int, experiment: Experiment, versions: Iterable[tuple[int, Model]]
+    ) -> None:
+        """Versions that explain each other's experiments are estimates of one condition.
+
+        Args:
+            model: explains this experiment.
+            here: its condition.
+            versions: others, each with its condition.
+        """
+        apart = {}
+        for there, version in versions:
+            shown = self.shown.get(there) if there not in (UNLEARNED, here) else None
+            if shown and (self._apart.get(there) == (model, shown) or not explains(model, shown)):
+                apart[there] = model, shown
+            elif shown and explains(version, experiment):
+                self.rename(there, here)
+        self._apart = apart
 
     def following(self, condition: int) -> dict[int, float]:
         """Probability of each condition in the next experiment, from how often it followed.
@@ -66,6 +87,28 @@ class ConditionChain:
         surely = stays - doubt if left else 1.0
         rest = {c: n / total * (1 - surely) / left for c, n in counts.items() if c != condition}
         return {condition: surely, **rest}
+
+    def ahead(
+        self,
+        present: Model,
+        here: int,
+        experiment: Experiment,
+        versions: Iterable[tuple[int, Model]],
+    ) -> Model | None:
+        """The version that will clearly err less in the next experiment, though the present one
+        explains this one; None where there is none. A machine may change in turns.
+
+        Args:
+            here: condition of the present version, which this experiment shows.
+            versions: others, each with its condition.
+        """
+        after = self.following(here)
+        others = [m for there, m in versions if there in after and there != here]
+        if not others:
+            return None
+        stays = self.expected_error(present, here, experiment)
+        best = min(others, key=lambda m: self.expected_error(m, here, experiment))
+        return best if FAR * self.expected_error(best, here, experiment) < stays else None
 
     def expected_error(self, model: Model, condition: int, experiment: Experiment) -> float:
         """Largest error [rad/s] to be expected of a model in what follows a condition, which this

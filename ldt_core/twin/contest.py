@@ -93,8 +93,6 @@ class ContestAdaptor(Adaptor):
         self.backoff = SearchBackoff()
         # Whether the version adopted last was in force before.
         self._again = False
-        # Of other conditions, the model and the experiment shown that it does not explain.
-        self._apart: dict[int, tuple[Model, Experiment]] = {}
 
     def _dealt(self, experiment: Experiment, signal: Signal) -> tuple[Adaptation, Model]:
         self.watch.saw(signal.max_error, largest_error(self.original, experiment))
@@ -132,6 +130,11 @@ class ContestAdaptor(Adaptor):
         known = self._explaining if signal.level is Level.WARNING else None
         if found is None and known and self._returns(known, experiment) is known:
             found = known, f"is version {known.version} again"
+        if found is None and signal.state == "holds" and self._explaining is self.model:
+            here = self._condition(self.model)
+            ahead = self.chain.ahead(self.model, here, experiment, self._versions())
+            if ahead is not None:
+                found = ahead, f"is version {ahead.version} again, as the machine changes in turns"
         if found is None:
             return None
         (model, origin), before = found, self.model
@@ -188,20 +191,12 @@ class ContestAdaptor(Adaptor):
             model = self.model
         here = None if model is None else self._condition(model)
         if model is not None and here:
-            self._merge(model, here, experiment)
+            self.chain.merge(model, here, experiment, self._versions())
         self.chain.saw(here, experiment)
 
-    def _merge(self, model: Model, here: int, experiment: Experiment) -> None:
-        """Two versions that explain each other's experiments are estimates of one condition."""
-        apart = {}
-        for version in self.earlier:
-            there = self._condition(version)
-            shown = self.chain.shown.get(there) if there not in (UNLEARNED, here) else None
-            if shown and (self._apart.get(there) == (model, shown) or not explains(model, shown)):
-                apart[there] = model, shown
-            elif shown and explains(version, experiment):
-                self.chain.rename(there, here)
-        self._apart = apart
+    def _versions(self) -> list[tuple[int, Model]]:
+        """Each earlier one with the condition that it stands for."""
+        return [(self._condition(m), m) for m in self.earlier]
 
     def _returns(self, version: Model, experiment: Experiment) -> Model | None:
         """What is foreseen where another version explains the experiment; None where none does."""

@@ -138,6 +138,33 @@ def test_what_erred_more_over_several_experiments_returns_only_where_it_explains
     assert f"is version {learned.version} again" in told.reason
 
 
+def test_a_machine_that_changes_in_turns_is_foreseen(tmp_path):
+    """Two products by turns: the version that explained the last one is wrong each time.
+
+    The original is right in one and wrong in the other; it stayed in force for good.
+    """
+    motor = ldt.Machine("dc_motor")
+    heavy = [get_effect("inertia").used({"factor": 1.5})]
+    plants = [
+        Plant(motor, experiments=20, seed=1, degradation="none", effects=how) for how in ([], heavy)
+    ]
+    stream = [plants[i % 2].experiment(i) for i in range(1, 21)]
+    settings = {**resolve({}), "model": "auto", "detector": "adequacy"}
+    steps = list(Twin.from_settings(motor, settings).steps(stream))
+    late = steps[14:]
+    own = sum(s.prediction.max_error(s.experiment) for s in late)
+    original = sum(s.original.max_error(s.experiment) for s in late)
+    assert own < 0.2 * original
+    assert {s.signal.state for s in late} == {"holds"}
+    assert "as the machine changes in turns" in steps[-1].adaptation.reason
+    run(motor, settings, stream[:15], tmp_path / "bag")
+    again = Twin.from_settings(motor, settings)
+    assert TwinRestart(again, RecordedRun(str(tmp_path / "bag"), "", motor), print).resume() == 15
+    for step, other in zip(again.steps(stream[15:]), steps[15:], strict=True):
+        assert step.adaptation == other.adaptation
+        assert np.array_equal(step.prediction.speed, other.prediction.speed)
+
+
 def test_a_version_is_not_replaced_for_what_does_not_pay():
     """Who has learned more has to err less on all that is known of the machine as it is."""
     machine = wearing("quadratic_drag", "c", 4e-4)
