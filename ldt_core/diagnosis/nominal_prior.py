@@ -230,7 +230,6 @@ def _posterior(machine: Machine) -> NominalPrior | None:
     Numbers that were edited since are not those that it speaks of.
     """
     told, free = (machine.calibration.get(key) for key in ("posterior", "free"))
-    equivalent = machine.calibration.get("equivalent")
     try:
         names = tuple(str(n) for n in told["parameters"])  # type: ignore[index]
         root = np.array(told["root"], dtype=np.float64)  # type: ignore[index]
@@ -244,15 +243,16 @@ def _posterior(machine: Machine) -> NominalPrior | None:
         return None
     found = NominalPrior(machine, names, root, curved=set(MOTOR) <= set(names))
     same = all(math.isclose(parameters[n], v, rel_tol=SAME) for n, v in values.items())
-    # An equivalent motor's file states no deviations: a calibration to come would take them for its
-    # prior knowledge, and they may be of the same recording.
-    stated = {} if equivalent else values
-    same = same and bool(stated or not machine.deviations)
-    same = same and all(
-        math.isclose(machine.tolerances.get(n, 0.0), found.deviations.get(n, 0.0), rel_tol=ALIKE)
-        for n in stated
-    )
-    return found if same and root.size else None
+    if machine.calibration.get("equivalent"):
+        # Its file states no deviations: a calibration to come would take them for its prior
+        # knowledge, and they may be of the same recording.
+        alike = not machine.deviations
+    else:
+        told_of, known = machine.tolerances, found.deviations
+        alike = all(
+            math.isclose(told_of.get(n, 0.0), known.get(n, 0.0), rel_tol=ALIKE) for n in values
+        )
+    return found if same and alike and root.size else None
 
 
 def _motor_along(values: Mapping[str, float], moved: Mapping[str, float]) -> dict[str, float]:

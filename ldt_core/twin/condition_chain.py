@@ -106,9 +106,9 @@ class ConditionChain:
         others = [m for there, m in versions if there in after and there != here]
         if not others:
             return None
-        stays = self.expected_error(present, here, experiment)
-        best = min(others, key=lambda m: self.expected_error(m, here, experiment))
-        return best if FAR * self.expected_error(best, here, experiment) < stays else None
+        stays, *expected = (self.expected_error(m, here, experiment) for m in (present, *others))
+        least = min(expected)
+        return others[expected.index(least)] if FAR * least < stays else None
 
     def expected_error(self, model: Model, condition: int, experiment: Experiment) -> float:
         """Largest error [rad/s] to be expected of a model in what follows a condition, which this

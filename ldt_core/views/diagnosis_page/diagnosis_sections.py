@@ -10,9 +10,8 @@ from typing import Any
 import msgs_config
 from ldt_core.base.sentences import counted, listed, ranges, spans
 from ldt_core.diagnosis.diagnosis import Diagnosis, RankedCandidate, Refit
-from ldt_core.diagnosis.nominal import close_it
 from ldt_core.views.diagnosis_page import gap_curves, ranking, time_curves
-from ldt_core.views.diagnosis_page.headline import WORDS, headline
+from ldt_core.views.diagnosis_page.headline import WORDS, headline, no_effect_needed
 from ldt_core.views.diagnosis_page.number_format import (
     NOTHING,
     amount,
@@ -56,7 +55,7 @@ def answer(diagnosis: Diagnosis, kept: Path) -> Answer:
     """
     verdict = diagnosis.verdict
     words = WORDS.get(verdict.kind, verdict.kind)
-    if verdict.kind == "none" and close_it(diagnosis.refit):
+    if no_effect_needed(diagnosis):
         words = "no effect needed"
     mark = Mark(words, TONES.get(verdict.kind, "open"))
     aside = f"confidence {percent(verdict.confidence)}".replace(" ", "\N{NO-BREAK SPACE}")
@@ -153,7 +152,7 @@ def next_step(diagnosis: Diagnosis, kept: Path) -> tuple[str, str]:
             )
         ),
         "none": ("fit the file's numbers anew", anew)
-        if close_it(diagnosis.refit)
+        if no_effect_needed(diagnosis)
         else ("let the twin watch for changes", play),
     }.get(diagnosis.verdict.kind, ("", ""))
 

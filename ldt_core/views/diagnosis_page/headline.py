@@ -33,9 +33,9 @@ def headline(diagnosis: Diagnosis) -> str:
     if SENSOR in verdict.sentence:
         return verdict.sentence
     before, after = (value_of(e.rmse, DIGITS) for e in (gap.before, gap.after))
-    if verdict.kind == "none" and close_it(diagnosis.refit):
+    if no_effect_needed(diagnosis):
         return (
-            f"No effect is needed: the file's own numbers, within their tolerances, close "
+            "No effect is needed: the file's own numbers, within their tolerances, close "
             f"{percent(diagnosis.refit[0].closed_fraction)} of the gap of {before} rad/s."
         )
     if verdict.kind == "none":
@@ -61,6 +61,11 @@ def headline(diagnosis: Diagnosis) -> str:
         verb = "closes" if alone else ": together they close" if open_ones else "close"
         closed = f"{'' if open_ones else ' '}{verb} {much} of the gap"
     return f"{named[0].upper()}{named[1:]}{closed} ({before} → {after} rad/s)."
+
+
+def no_effect_needed(diagnosis: Diagnosis) -> bool:
+    """Whether there is a gap, and the file's own numbers close it."""
+    return diagnosis.verdict.kind == "none" and close_it(diagnosis.refit)
 
 
 def _group(diagnosis: Diagnosis, group: Sequence[str], alone: bool) -> str:
