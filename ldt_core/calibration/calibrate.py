@@ -14,7 +14,6 @@ from ldt_core.base.errors import ExperimentError, LdtError, OptionError, did_you
 from ldt_core.base.experiment import Experiment
 from ldt_core.base.metrics import FreeRunError
 from ldt_core.calibration.calibration import (
-    MOST_NOISE_RATIO,
     WITHHELD,
     Calibration,
     ParameterEstimate,
@@ -140,6 +139,8 @@ class _State:
     uncertainty: Uncertainty
     sensitivities: list[Array]
     known: Posterior
+    #: What was known beforehand of the coordinates.
+    prior: ToleranceLaw | None
     #: Effects that are plainly in what is left; None where something without a name is.
     lacking: tuple[str, ...] | None = ()
 
@@ -186,8 +187,13 @@ class _Work:
 
     def result(self, held_out: list[Experiment]) -> Calibration:
         state = self._fitted()
-        state.lacking = self._lacking(state)
-        estimates, machine = self._estimates(state)
+        self._doing = "looking for what the physics lacks"
+        beforehand = state.prior.rows if state.prior else None
+        lack = lack_of_fit(self.machine, state.runs, state.values, state.sensitivities, beforehand)
+        state.lacking = lack.names
+        imitated = lack.shifts / state.coordinates.sizes(state.z)
+        known = state.known.widened(state.coordinates.names, imitated)
+        estimates, machine, determined = self._estimates(state)
         if not state.seen.determined:
             nominal = free_run_error(self.before, self.experiments)
             if free_run_error(machine, self.experiments).rmse < GAIN_RATIO * nominal.rmse:
@@ -226,7 +232,7 @@ class _Work:
             undetermined=state.seen.clusters + vague,
             noise=noise,
             coloured=coloured(noise, state.runs.residuals(state.values), self.experiments),
-            posterior=state.known if all(e.std for e in estimates) else None,
+            posterior=known if determined and lack.names is not None else None,
             intervals=WITHHELD if state.lacking != () else state.uncertainty.method,
             lacking=None if state.lacking is None else list(state.lacking),
             errors=errors,
@@ -242,12 +248,6 @@ class _Work:
                 "little."
             )
         return replace(calibration, notes=tuple(told)).with_recordings(())
-
-    def _lacking(self, state: _State) -> tuple[str, ...] | None:
-        self._doing = "looking for what the physics lacks"
-        found = lack_of_fit(self.machine, state.runs, state.values, state.sensitivities)
-        smooth = state.runs.noise[0] > MOST_NOISE_RATIO * state.runs.white
-        return found or (None if smooth else ())
 
     def _start_explains(self, state: _State) -> bool:
         """Whether the fit went down and only the noise of the first samples says otherwise."""
@@ -282,10 +282,7 @@ class _Work:
         parameters = [p for p in self.physics.parameters if p.name not in self.reasons]
         if not parameters:
             raise LdtError(nothing_determined(self.experiments))
-        whole = Coordinates(
-            [self._coordinate(p) for p in parameters],
-            self.values,
-        )
+        whole = Coordinates([self._coordinate(p) for p in parameters], self.values)
         if values is self.values:
             runs = CalibrationRuns(self.physics, self.values, self.experiments, self.tick)
             candidates = starts(self.physics, whole, runs)
@@ -331,7 +328,8 @@ class _Work:
         ).among([name not in bound for name in inner.names])
         picked_out = [s[:, free] for s in sensitivities]
         kept = [c for c in whole.free if c.name not in inner.names]
-        kept += [self._coordinate(p) for p in self.physics.parameters if self._vague(p.name)]
+        vague = {n for n, reason in self.reasons.items() if reason == Reason.VAGUE}
+        kept += [self._coordinate(p) for p in self.physics.parameters if p.name in vague]
         tolerances = self.machine.tolerances
         kept = [c for c in kept if tolerances.get(c.name) and c.nominal]
         others = Coordinates(kept, inner.values(z))
@@ -348,13 +346,10 @@ class _Work:
         root = (root / sizes[:, None])[shown]
         root = root[:, np.abs(root).max(axis=0, initial=0.0) > 0]
         known = Posterior(tuple(names[j] for j in shown), root)
-        return _State(whole, inner, runs, z, converged, seen, spread, raw, known)
+        return _State(whole, inner, runs, z, converged, seen, spread, raw, known, prior)
 
     def _coordinate(self, parameter: Parameter) -> Coordinate:
         return coordinate(self.physics, self.values, parameter, self.experiments)
-
-    def _vague(self, name: str) -> bool:
-        return self.reasons.get(name) == Reason.VAGUE
 
     def _examine(
         self, runs: CalibrationRuns, whole: Coordinates, z: Array, prefer: tuple[str, ...]
@@ -367,8 +362,9 @@ class _Work:
         rows = np.vstack(sensitivities) * whole.sizes(z)
         return examine(whole.names, rows, exact, prefer), sensitivities
 
-    def _estimates(self, state: _State) -> tuple[list[ParameterEstimate], Machine]:
-        estimates = []
+    def _estimates(self, state: _State) -> tuple[list[ParameterEstimate], Machine, bool]:
+        """They, the machine with them, and whether all are determined."""
+        estimates, determined = [], True
         found = dict(zip(state.coordinates.names, state.z, strict=True))
         half = dict(zip(state.coordinates.names, state.uncertainty.half_widths, strict=True))
         unsure = state.seen.unsure if self.named else set()
@@ -376,6 +372,7 @@ class _Work:
         for c in state.whole.free:
             if c.name not in found:
                 if self.named:
+                    determined = False
                     estimates.append(
                         ParameterEstimate(
                             c.name, c.parameter.unit, c.nominal, c.nominal, None, None
@@ -385,7 +382,9 @@ class _Work:
             z, width, (low, high) = float(found[c.name]), float(half[c.name]), c.bounds
             interval = std = None
             value = rounded(c.value(z))
-            if state.lacking == () and c.name not in unsure and width < high - low:
+            sure = c.name not in unsure and width < high - low
+            determined = determined and sure and value != 0
+            if state.lacking == () and sure:
                 ends = max(z - width, low), min(z + width, high)
                 interval = (rounded(c.value(ends[0])), rounded(c.value(ends[1])))
                 size = abs(value) if c.logarithmic else abs(c.scale)
@@ -397,4 +396,4 @@ class _Work:
         kept |= {e.name: e.std for e in estimates if e.std}
         machine = replace(self.machine, deviations={})
         machine = machine.with_parameters(**{e.name: e.value for e in estimates})
-        return estimates, replace(machine, deviations=kept)
+        return estimates, replace(machine, deviations=kept), determined

@@ -75,6 +75,14 @@ class Posterior:
         """Relative standard deviation of each parameter."""
         return dict(zip(self.parameters, np.linalg.norm(self.root, axis=1).tolist(), strict=True))
 
+    def widened(self, names: Sequence[str], errors: Array) -> Posterior:
+        """The same with (n, p) relative errors of some parameters besides, a law's column each."""
+        more = np.zeros((len(self.parameters), len(errors)))
+        for j, name in enumerate(names):
+            if name in self.parameters:
+                more[self.parameters.index(name)] = errors[:, j]
+        return replace(self, root=np.hstack([self.root, more]))
+
     def as_dict(self) -> dict[str, Any]:
         """A key of the machine file's `calibration`, in JSON types."""
         rows = [[rounded(float(v)) for v in row] for row in self.root]
@@ -98,7 +106,8 @@ class Calibration:
         experiments: numbers of the experiments by the same keys.
         lacking: effects that the physics lacks and that are plainly in what is left, the clearest
             first; None where what is left is smooth and follows none of them.
-        posterior: what is known of all parameters together; None where some have no interval.
+        posterior: what is known of all parameters together, wider by how far they imitate what is
+            lacking; None where some are not determined, or what is lacking has no name.
         coloured: of a channel whose noise is stronger at low frequencies, deviations of white noise
             that is as rough, and of white noise that is as strong there.
         notes: sentences for a person: what is determined, what to beware of.

@@ -12,7 +12,7 @@ import cmath
 import contextlib
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,8 +23,9 @@ from ldt_core.estimation.least_squares import trust_region
 from ldt_core.estimation.linear import Identified, StateSpace, identify
 from ldt_core.estimation.variable_projection import project_out
 
-LEAST_TIME = 0.01  # sample periods: an electric time constant that no sample shows, cheap to run
-AT_BOUND = 2 * LEAST_TIME  # sample periods: an electric time constant below has run into its bound
+USUAL_TIME = 0.01  # sample periods: an electric time constant that few sensors show
+LEAST_TIME = 1e-4  # sample periods: one that no sensor shows
+AT_BOUND = 2.0  # times either: an electric time constant below is no other than that
 MOST_TIME = 1e3  # longest experiments: a time constant beyond has run away
 FIRST_TIMES = (0.3, 3.0)  # sample periods: electric time constants to begin a search with
 LEAST_SINGULAR = 1e-8  # of the larger singular value: a start state below moves nothing
@@ -40,7 +41,7 @@ class MotorResponse:
         order: number of time constants that were fitted.
         gain: G [rad/s per V].
         tau_m: [s].
-        tau_e: [s]; a hundredth of a sample period for order 1.
+        tau_e: [s]; of order 1 what does not show, see `USUAL_TIME` and `LEAST_TIME`.
         offset: of the steady speed [rad/s]; 0 where the experiments show none.
         noise_std: standard deviation of what is left, start states estimated [rad/s].
         fit_percent: 100 (1 - |y - ŷ| / |y - ȳ|) over all samples.
@@ -101,14 +102,18 @@ def fit_response(
         without = search.fit(np.log([found.tau_m, found.tau_e][: found.order]), False)
         if not _shown(without, found, independent):
             found = without
-    if not order and found.order == 1:
+    if order or (found.order == 2 and found.tau_e >= AT_BOUND * USUAL_TIME * search.period):
+        return found
+    one, two = found, found
+    if found.order == 2:
+        one = fit_response(experiments, linear, 1, offset)
+    else:
         with contextlib.suppress(LdtError):  # experiments that determine no model of order 2
             two = fit_response(experiments, linear, 2, offset)
-            inside = two.tau_e >= AT_BOUND * search.period
-            found = two if inside and _shown(found, two, independent) else found
-    if not order and found.order == 2 and found.tau_e < AT_BOUND * search.period:
-        return fit_response(experiments, linear, 1, offset)
-    return found
+    if not _shown(one, two, independent):
+        return one
+    faster = two.tau_e < AT_BOUND * LEAST_TIME * search.period
+    return replace(two, order=1, tau_e=LEAST_TIME * search.period) if faster else two
 
 
 def _shown(simpler: MotorResponse, larger: MotorResponse, independent: float) -> bool:
@@ -157,7 +162,7 @@ class _Search:
             order=found.size,
             gain=float(weights[0]),
             tau_m=float(taus[0]),
-            tau_e=float(taus[1]) if taus.size == 2 else LEAST_TIME * self.period,
+            tau_e=float(taus[1]) if taus.size == 2 else USUAL_TIME * self.period,
             offset=float(weights[1]) if offset else 0.0,
             noise_std=size / math.sqrt(max(self.samples - unknowns, 1)),
             fit_percent=100 * (1 - size / self.spread),
@@ -165,7 +170,8 @@ class _Search:
 
     def _residual(self, logs: Array, offset: bool) -> tuple[Array, Array]:
         """(all samples,) what is left of the speed, and gain and perhaps offset."""
-        model = _unit(np.exp(logs))
+        fast = math.log(USUAL_TIME * self.period)
+        model = _unit(*np.exp(logs if logs.size == 2 else [logs[0], fast]))
         bases: dict[int, Array] = {}
         columns, speeds = [], []
         for e in self.experiments:
@@ -182,11 +188,8 @@ class _Search:
         return np.asarray(target - matrix @ weights), np.asarray(weights, dtype=np.float64)
 
 
-def _unit(taus: Array) -> StateSpace:
+def _unit(tau_m: float, tau_e: float) -> StateSpace:
     """The response of gain 1; states speed, and the current in units of volts."""
-    if taus.size == 1:
-        return StateSpace(np.array([[-1 / taus[0]]]), np.array([1 / taus[0]]), np.ones(1))
-    tau_m, tau_e = taus
     a = np.array([[0.0, 1 / tau_m], [-1 / tau_e, -1 / tau_e]])
     return StateSpace(a, np.array([0.0, 1 / tau_e]), np.array([1.0, 0.0]))
 

@@ -31,8 +31,8 @@ def equivalent_posterior(
         order: number of time constants that were fitted, 1 or 2.
 
     Returns:
-        It; None where what is left follows an effect that the motor lacks, since the values then
-        imitate that and may be further off.
+        It, wider by how far the values imitate effects that the motor lacks; None where what is
+        left is smooth and follows none.
     """
     values = machine.parameters
     runs = CalibrationRuns(machine.model, values, [replace(e, current=None) for e in experiments])
@@ -43,13 +43,15 @@ def equivalent_posterior(
     known = {p.name: p for p in machine.model.parameters}
     coordinates = Coordinates([Coordinate(known[n], values[n], values[n]) for n in names], values)
     sensitivities = runs.sensitivities(coordinates, coordinates.nominal)
-    if lack_of_fit(machine, runs, values, sensitivities):
+    lack = lack_of_fit(machine, runs, values, sensitivities)
+    if lack.names is None:
         return None
     lengths = [len(e) for e in experiments]
     spread = uncertainty(sensitivities, runs.residuals(values), lengths, runs.unknowns)
     vague = machine.tolerances[FITTED[-1]]
     root = vague * np.eye(len(FITTED))
-    size, directions = np.linalg.eigh(spread.covariance)
     count, wider = len(names), spread.quantile / NORMAL_95
-    root[:count, :count] = wider * directions * np.sqrt(np.maximum(size, 0.0))
+    covariance = wider**2 * spread.covariance + lack.shifts.T @ lack.shifts
+    size, directions = np.linalg.eigh(covariance)
+    root[:count, :count] = directions * np.sqrt(np.maximum(size, 0.0))
     return Posterior(FITTED, root)

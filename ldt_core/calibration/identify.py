@@ -314,8 +314,8 @@ def _notes(form: MotorResponse, linear: Identified, experiments: list[Experiment
     ]
     if form.order == 1:
         notes.append(
-            "The recording shows one time constant; L is a hundredth of a sample period, too small "
-            "to matter."
+            "The recording shows one time constant; L is "
+            f"{form.tau_e / experiments[0].period:g} of a sample period, too small to matter."
         )
     if form.oscillates:
         notes.append(

@@ -8,17 +8,23 @@ Handbook of Econometrics II, 1984): the free run's response to the effect joins 
 and its coefficient over its standard error is Student's t. The standard error is that of
 `identifiability.uncertainty`, with what is left after the effect has been added, so that noise with
 a memory is not taken for an effect.
+
+How far an effect that is left out moves the parameters is the bias of an omitted variable: what the
+parameters do as well as the effect's response, times its coefficient (W. Greene, "Econometric
+Analysis", chapter on specification).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import stdtr
 
 from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError
+from ldt_core.calibration.calibration import MOST_NOISE_RATIO
 from ldt_core.calibration.identifiability import uncertainty
 from ldt_core.calibration.parameter_fit import CalibrationRuns
 from ldt_core.machine.machine_file import Machine
@@ -32,39 +38,62 @@ SMALL_CHANGE = 0.003, 0.1  # of the runs' size: a response so large is still nea
 TRIES = 12  # of an effect's size, each time a factor of 4
 
 
+class Lack(NamedTuple):
+    """What the physics plainly lacks.
+
+    Attributes:
+        names: of the effects that are in what the calibration leaves, the clearest first; None
+            where something without a name is, which follows no effect and is smooth. Empty where
+            nothing is.
+        shifts: (n, p) by how much the fitted parameters' coordinates imitate each of them.
+    """
+
+    names: tuple[str, ...] | None
+    shifts: Array
+
+
 def lack_of_fit(
     machine: Machine,
     runs: CalibrationRuns,
     values: Mapping[str, float],
     sensitivities: Sequence[Array],
-) -> tuple[str, ...]:
-    """Names of the effects that are plainly in what the calibration leaves, the clearest first.
+    known: Array | None = None,
+) -> Lack:
+    """What is plainly in what the calibration leaves, and is not the sensor's noise.
 
     Args:
         machine: whose file was calibrated.
         runs: with the start states and the noise of the fit.
         values: the calibrated parameters.
-        sensitivities: (rows, p) of each experiment to the fitted parameters there.
+        sensitivities: (rows, p) of each experiment to the fitted parameters' coordinates there.
+        known: (k, p) rows of what was known of those beforehand, in its deviations.
     """
     count = len(runs.experiments)
     chosen = np.unique(np.linspace(0, count - 1, min(count, MOST_TESTED)).astype(int)).tolist()
     residuals = runs.residuals(values)
-    rest, known = [residuals[i] for i in chosen], _basis([sensitivities[i] for i in chosen])
+    rest, moved = [residuals[i] for i in chosen], [sensitivities[i] for i in chosen]
+    basis = _basis(moved)
     lengths = [len(runs.experiments[i]) for i in chosen]
     unknowns = round(runs.unknowns * len(chosen) / count)
     base = [runs.free_run(i, values) for i in chosen]
     found = []
-    tested = 0
     for effect in machine.possible_effects():
         response = _response(runs, values, effect, chosen, base)
         if response is None:
             continue
-        chance = _chance(known, response, rest, lengths, unknowns)
-        if chance is None:
-            continue
-        tested += 1
-        found.append((chance, effect.name))
-    return tuple(name for chance, name in sorted(found) if chance * tested < FALSE_ALARM)
+        tested = _tested(basis, response, rest, lengths, unknowns)
+        if tested is not None:
+            found.append((tested[0], effect.name, tested[1], response))
+    plain = sorted((t for t in found if t[0] * len(found) < FALSE_ALARM), key=lambda t: t[:2])
+    whole = np.vstack(moved if known is None else [*moved, known])
+    imitated = np.zeros((len(whole), len(plain)))
+    for column, (_, _, coefficient, response) in zip(imitated.T, plain, strict=True):
+        row = np.concatenate(response)
+        column[: row.size] = -coefficient * row
+    shifts = np.linalg.lstsq(whole, imitated, rcond=None)[0].T
+    names = tuple(name for _, name, *_ in plain)
+    smooth = runs.noise[0] > MOST_NOISE_RATIO * runs.white
+    return Lack(names or (None if smooth else ()), shifts)
 
 
 def _basis(sensitivities: Sequence[Array]) -> list[Array]:
@@ -105,14 +134,15 @@ def _response(
     return None
 
 
-def _chance(
+def _tested(
     known: Sequence[Array],
     response: Sequence[Array],
     rest: Sequence[Array],
     lengths: Sequence[int],
     unknowns: int,
-) -> float | None:
-    """Probability of a coefficient as large without the effect; None where nothing tells it."""
+) -> tuple[float, float] | None:
+    """Probability of a coefficient as large without the effect, and the coefficient; None where
+    nothing tells it."""
     whole, row, left = np.vstack(known), np.concatenate(response), np.concatenate(rest)
     apart = row - whole @ (whole.T @ row)
     size, ends = float(np.linalg.norm(apart)), np.cumsum([len(r) for r in response])[:-1]
@@ -124,7 +154,6 @@ def _chance(
     moved = np.linalg.lstsq(np.vstack(joined), left, rcond=None)[0]
     after = [r - s @ moved for s, r in zip(joined, rest, strict=True)]
     spread = uncertainty(joined, after, lengths, unknowns)
-    error = float(spread.errors[-1])
-    if not error > 0:
-        return 0.0
-    return 2 * float(stdtr(spread.freedom, -abs(float(moved[-1])) / error))
+    coefficient, error = float(moved[-1]), float(spread.errors[-1])
+    chance = 2 * float(stdtr(spread.freedom, -abs(coefficient) / error)) if error > 0 else 0.0
+    return chance, coefficient / size

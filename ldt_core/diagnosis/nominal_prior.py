@@ -243,9 +243,9 @@ def _posterior(machine: Machine) -> NominalPrior | None:
         return None
     found = NominalPrior(machine, names, root, curved=set(MOTOR) <= set(names))
     same = all(math.isclose(parameters[n], v, rel_tol=SAME) for n, v in values.items())
-    if machine.calibration.get("equivalent"):
-        # Its file states no deviations: a calibration to come would take them for its prior
-        # knowledge, and they may be of the same recording.
+    if machine.calibration.get("equivalent") or machine.calibration.get("lacking"):
+        # Its file states no deviations. A calibration to come would take them for its prior
+        # knowledge, and they may be of the same recording; or the physics lacks something.
         alike = not machine.deviations
     else:
         told_of, known = machine.tolerances, found.deviations

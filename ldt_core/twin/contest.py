@@ -121,11 +121,13 @@ class ContestAdaptor(Adaptor):
     ) -> tuple[Adaptation, Model] | None:
         """What comes into force without learning from this experiment."""
         found, details = self._trained(search, experiment, signal), {}
+        sure = True  # of what has changed
         long = self.watch.worse and not alike(self.model, self.original)
         seen = signal.level is not Level.NEGATIVE or signal.state != "new_range"
         if found is None and (long or (not seen and self.watch.worse_now)):
             where = self.watch.why if long else "errs less in this new range"
             found, details[ORIGINAL] = (self.original, f"is the original again, which {where}"), 1.0
+            sure = False
             self.watch.withdraw(self.model.version)
         known = self._explaining if signal.level is Level.WARNING else None
         if found is None and known and self._returns(known, experiment) is known:
@@ -134,6 +136,7 @@ class ContestAdaptor(Adaptor):
             here = self._condition(self.model)
             ahead = self.chain.ahead(self.model, here, experiment, self._versions())
             if ahead is not None:
+                sure = False
                 found = ahead, f"is version {ahead.version} again, as the machine changes in turns"
         if found is None:
             return None
@@ -145,7 +148,7 @@ class ContestAdaptor(Adaptor):
             self.memory.clear()
         self.memory.remember(experiment)
         details["warning_set"] = len(self.memory)
-        reason = self._reason(before, experiment, origin, ORIGINAL not in details)
+        reason = self._reason(before, experiment, origin, sure)
         told = Adaptation(experiment.number, Action.ADAPTED, self.model.version, reason, details)
         return self._warned(told, experiment), self.model
 

@@ -156,7 +156,9 @@ def test_a_machine_that_changes_in_turns_is_foreseen(tmp_path):
     original = sum(s.original.max_error(s.experiment) for s in late)
     assert own < 0.2 * original
     assert {s.signal.state for s in late} == {"holds"}
-    assert "as the machine changes in turns" in steps[-1].adaptation.reason
+    told = steps[-1].adaptation.reason
+    assert "as the machine changes in turns" in told
+    assert "since experiment" not in told  # foreseen, not seen
     run(motor, settings, stream[:15], tmp_path / "bag")
     again = Twin.from_settings(motor, settings)
     assert TwinRestart(again, RecordedRun(str(tmp_path / "bag"), "", motor), print).resume() == 15

@@ -31,7 +31,8 @@ def known_file(plan: CasePlan) -> dict[str, Any]:
         return sheet.as_dict()
     named = found.with_recordings(["healthy"])
     # Where nothing has an interval, the tolerances of the data sheet are still there.
-    return (named.machine if named.posterior else sheet).as_dict()
+    complete = named.posterior is not None and named.lacking == []
+    return (named.machine if complete else sheet).as_dict()
 
 
 def _datasheet(true: Machine, random: np.random.Generator) -> Machine:
