@@ -11,7 +11,7 @@ import numpy as np
 
 from ldt_core.base.arrays import Array
 from ldt_core.physics.effect import Effect
-from ldt_core.physics.machine_sizes import LIMITS, in_own_sizes, limits_voltage
+from ldt_core.physics.machine_sizes import LIMITS, in_own_sizes, is_limit
 from ldt_core.physics.parameter import LARGEST, Parameter, logarithmic
 
 # Where searches begin: close enough to each other that a fit gets from one to the next.
@@ -22,7 +22,7 @@ START_PHASES = 8  # of a turn
 MOST_STARTS = 96  # of one effect: bounds the time that it takes
 DIFFERENCE_STEP = 1e-3  # of a coordinate: far above rounding, far below any curvature
 # How far a fit may go.
-LEAST_VOLTAGE = 0.05  # of the largest voltage: a lower limit would have stopped the machine
+LEAST_LIMIT = 0.05  # of the largest voltage or current: a lower one would have stopped the machine
 LEAST_FACTOR = 0.05  # a machine further below its file than that is another machine
 OPEN_BOUND_MARGIN = 1e-6  # of a parameter's scale: a fit stays so far inside an open bound
 WHOLE = 1.0  # a share's end, which a machine may reach; other upper ends are where a search ends
@@ -37,13 +37,13 @@ class Candidate:
     and the limits as z = log(value / neutral), as are those that must be above 0.
 
     Args:
-        most_voltage: largest voltage of the recordings [V].
+        most: unit to the largest voltage and current of the recordings, see `most_of`.
         sizes: unit to the size of this machine's quantities, see `machine_scales`.
         details: how many of its parameters, the last ones, are details of the law.
     """
 
     effect: Effect
-    most_voltage: float
+    most: Mapping[str, float]
     sizes: Mapping[str, float] = field(default_factory=dict)
     details: int = 0
 
@@ -96,13 +96,15 @@ class Candidate:
     def neutral(self, j: int) -> float:
         """Parameter j where a fit's coordinate is 0."""
         p = self.parameters[j]
-        own = self.sizes.get(p.unit, 1.0) if logarithmic(p) and not limits_voltage(p) else 1.0
+        own = self.sizes.get(p.unit, 1.0) if logarithmic(p) and not is_limit(p) else 1.0
         return (p.default or 0.0) * own
 
     @property
     def typical(self) -> dict[str, float]:
         """The effect plainly there, in this machine's sizes."""
-        return self.effect.check(in_own_sizes(self.effect, self.effect.typical, self.sizes))
+        given = in_own_sizes(self.effect, self.effect.typical, self.sizes)
+        limits = {p.name: self.sizes.get(p.unit, 1.0) for p in self.parameters if is_limit(p)}
+        return self.effect.check({n: v * limits.get(n, 1.0) for n, v in given.items()})
 
     def value(self, j: int, z: float) -> float:
         """Parameter j at a coordinate, within its bounds and of a size that an effect accepts."""
@@ -137,8 +139,8 @@ class Candidate:
             elif logarithmic(p):
                 most = self.effect.most_factor
                 limit = 1 / most if p.unit else LEAST_FACTOR
-                if limits_voltage(p) and p.default:
-                    limit = LEAST_VOLTAGE * self.most_voltage / p.default
+                if is_limit(p) and p.default:
+                    limit = LEAST_LIMIT * self.most[p.unit] / p.default
                 low.append(math.log(limit))
                 high.append(self.coordinate(j, p.high) if p.high < math.inf else math.log(most))
             else:
@@ -180,9 +182,7 @@ class Candidate:
 
     def starts(self) -> list[Array]:
         """Coordinates that a search begins with, over the parameters' plausible ranges."""
-        levels = [
-            self.effect.search.get(p.name) or _levels(p, self.most_voltage) for p in self.parameters
-        ]
+        levels = [self.effect.search.get(p.name) or _levels(p, self.most) for p in self.parameters]
         found = []
         for values in itertools.product(*levels):
             levels_here = dict(zip((p.name for p in self.parameters), values, strict=True))
@@ -194,10 +194,10 @@ class Candidate:
         return found
 
 
-def _levels(p: Parameter, most_voltage: float) -> list[float]:
+def _levels(p: Parameter, most: Mapping[str, float]) -> list[float]:
     default, scale = float(p.default or 0.0), p.scale or 1.0
-    if limits_voltage(p):
-        return [part * most_voltage for part in LIMITS]  # already this machine's
+    if is_limit(p):
+        return [part * most[p.unit] for part in LIMITS[p.unit]]  # already this machine's
     if logarithmic(p):
         return [default * f for f in START_FACTORS]
     if math.isfinite(p.low) and math.isfinite(p.high) and p.low < default < p.high:

@@ -24,7 +24,7 @@ from ldt_core.machine.current_check import without_wrong_current
 from ldt_core.machine.machine_file import Machine
 from ldt_core.machine.sensor_check import sound
 from ldt_core.physics.effect import Effect
-from ldt_core.physics.machine_sizes import machine_scales
+from ldt_core.physics.machine_sizes import machine_scales, most_of
 
 NO_VOLTAGE = 1e-9  # of the machine's limit: it has no sizes to look for effects in, as at 0 V
 
@@ -69,9 +69,10 @@ def diagnose(
     if most < NO_VOLTAGE * max(map(abs, machine.voltage_limits)):
         most = 1.0
     sizes = machine_scales(machine.parameters, most)
+    largest = most_of(machine.parameters, most)
     prior = nominal_prior(machine, refit, recordings)
     candidates = [
-        Candidate(machine.effect(e.name) if e.name in machine.acting else e, most, sizes)
+        Candidate(machine.effect(e.name) if e.name in machine.acting else e, largest, sizes)
         for e in (library(machine) if effects is None else effects)
         if prior is None or e.name not in prior.swallowed
     ]

@@ -144,7 +144,7 @@ class NominalPrior:
             ),
             on_parameters=changed,
         )
-        return NominalCandidate(effect, 1.0, columns=self.columns or tuple(range(len(sizes))))
+        return NominalCandidate(effect, {}, columns=self.columns or tuple(range(len(sizes))))
 
 
 def nominal_prior(

@@ -32,6 +32,7 @@ _FILES = {
         "no_regeneration",
         "open_circuit",
         "voltage_saturation",
+        "current_limit",
         "input_deadzone",
         "input_delay",
     ),

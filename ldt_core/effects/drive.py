@@ -11,7 +11,7 @@ from ldt_core.effects.base import SMALL_VOLTAGE, Effect, factor_of, scaled
 from ldt_core.physics.parameter import Parameter
 
 COPPER = 0.00393  # 1/K, temperature coefficient of the resistance of copper at 20 °C
-NO_LIMIT = 1e6  # V; a supply that never saturates
+NO_LIMIT = 1e6  # V or A; a supply that never saturates
 DIODE_VOLTAGE = 0.05  # V; over which a diode begins to block
 # Share of the braking current below which a current fades instead of stopping at 0 at once, which
 # would break the integrator's order.
@@ -47,6 +47,11 @@ def _open(t, theta, omega, current, voltage, p):
     if math.fabs(voltage) < SMALL_VOLTAGE:
         return p[0] * (p[1] * omega - voltage)
     return 0.0
+
+
+def _limiting(t, theta, omega, current, voltage, p):
+    back, most = p[1] * omega, p[0] * p[2]  # what the motor's speed asks for, what the limit allows
+    return min(max(voltage, back - most), back + most) - voltage
 
 
 @njit()
@@ -236,6 +241,29 @@ VOLTAGE_SATURATION = Effect(
     typical={"limit": 10.0},
     on_voltage=_saturated,
     reference="Khalil, Nonlinear Systems, chapter 1 (common nonlinearities: saturation)",
+)
+
+CURRENT_LIMIT = Effect(
+    name="current_limit",
+    description="the drive limits the current, and so the torque, in both directions (a motor "
+    "constant that falls with the current looks alike)",
+    equation="V := min(max(V, K_t omega - R limit), K_t omega + R limit), so that |i| <= limit",
+    parameters=(
+        Parameter(
+            "limit",
+            "A",
+            0.0,
+            NO_LIMIT,
+            NO_LIMIT,
+            "largest current; the default is none",
+            open_low=True,
+            scale=10.0,
+        ),
+    ),
+    typical={"limit": 6.0},
+    terminal=_limiting,
+    needs=("K_t", "R"),
+    reference=f"{LEONHARD}, chapter on the controlled DC drive (current limit)",
 )
 
 INPUT_DEADZONE = Effect(

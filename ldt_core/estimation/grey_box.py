@@ -24,7 +24,7 @@ from ldt_core.estimation.effect.cause import AT_REST
 from ldt_core.machine.machine_file import Machine
 from ldt_core.physics.base import NOT_TRACKED, FreeRun, Work
 from ldt_core.physics.effect import Effect
-from ldt_core.physics.machine_sizes import LIMITS, in_own_sizes, limits_voltage, machine_scales
+from ldt_core.physics.machine_sizes import LIMITS, in_own_sizes, is_limit, machine_scales, most_of
 from ldt_core.physics.parameter import Parameter, Values
 
 Use = list[tuple[Effect, dict[str, float]]]
@@ -104,8 +104,9 @@ class GreyBox:
         self.tolerance = np.array([tolerances[n] for n in self.uncertain])
         self._parameters = [(e, p) for e in self.effects for p in e.parameters]
         k = len(self.uncertain)
-        self._most_voltage = max(map(abs, machine.voltage_limits))
-        self._sizes = machine_scales(self.nominal, self._most_voltage)
+        most_voltage = max(map(abs, machine.voltage_limits))
+        self._most = most_of(self.nominal, most_voltage)
+        self._sizes = machine_scales(self.nominal, most_voltage)
         low = [(self._least(p) - _default(p)) / self._scale(p) for _, p in self._parameters]
         high = [(p.high - _default(p)) / self._scale(p) for _, p in self._parameters]
         self.low = np.array([-WIDEST] * k + low)
@@ -282,8 +283,8 @@ class GreyBox:
                 self._sized(effect, dict(zip(effect.search, row, strict=True))) for row in rows
             ]
             return [{name: values[name] for name in effect.search} for values in sized]
-        if len(effect.parameters) == 1 and limits_voltage(effect.parameters[0]):
-            return [{effect.parameters[0].name: part * self._most_voltage} for part in LIMITS]
+        if len(effect.parameters) == 1 and is_limit(p := effect.parameters[0]):
+            return [{p.name: part * self._most[p.unit]} for part in LIMITS[p.unit]]
         typical, neutral = self._sized(effect, effect.typical), effect.neutral
         both = all(p.low < neutral[p.name] for p in effect.parameters)
         parts = (1 / 3, 1.0, -1.0) if both else (1 / 3, 1.0)

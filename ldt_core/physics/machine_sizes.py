@@ -11,8 +11,9 @@ from ldt_core.physics.parameter import Parameter, logarithmic
 
 #: The worked case at 16 V: torque [N m], speed [rad/s], voltage [V], current [A], memory [s].
 REFERENCE = (4.8, 53.3, 16.0, 16.0, 0.2)
-#: Parts of the largest voltage at which a limit on it is looked for: above it, none is felt.
-LIMITS = (0.4, 0.55, 0.7, 0.85, 0.95)
+#: Parts of the largest voltage and current, at which a limit on them is looked for: above, none is
+#: felt. A motor seldom takes the current of a reversal, so that lower limits show as well.
+LIMITS = {"V": (0.4, 0.55, 0.7, 0.85, 0.95), "A": (0.08, 0.15, 0.25, 0.4, 0.6)}
 SAME_SIZE = 3.0  # factor within which a machine keeps the library's own round numbers
 
 
@@ -62,7 +63,7 @@ def in_own_sizes(
 ) -> dict[str, float]:
     """Values of an effect in a machine's sizes: each is scaled with its unit.
 
-    A factor has none, and a limit of the voltage is no amount.
+    A factor has none, and a limit is no amount.
 
     Args:
         given: in the library's; what is left out is neutral.
@@ -71,7 +72,7 @@ def in_own_sizes(
     found = {}
     for p in effect.parameters:
         value = {**effect.neutral, **given}[p.name]
-        found[p.name] = value if limits_voltage(p) else value * sizes.get(p.unit, 1.0)
+        found[p.name] = value if is_limit(p) else value * sizes.get(p.unit, 1.0)
         if math.isfinite(p.low) and math.isfinite(p.high):
             found[p.name] = min(max(found[p.name], p.low), p.high)
         elif value == p.default and not value:
@@ -80,6 +81,11 @@ def in_own_sizes(
     return found
 
 
-def limits_voltage(p: Parameter) -> bool:
-    """Whether the parameter is a voltage that nothing exceeds."""
-    return logarithmic(p) and p.unit == "V"
+def is_limit(p: Parameter) -> bool:
+    """Whether the parameter is a voltage or current that nothing exceeds."""
+    return logarithmic(p) and p.unit in LIMITS
+
+
+def most_of(values: Mapping[str, float], most_voltage: float) -> dict[str, float]:
+    """Unit to the largest voltage [V] and current [A]: that of a reversal at full speed."""
+    return {"V": most_voltage, "A": 2 * most_voltage / values.get("R", 1.0)}

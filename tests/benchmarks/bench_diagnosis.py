@@ -19,6 +19,7 @@ from ldt_core.diagnosis.thresholds import THRESHOLDS
 from ldt_core.effects import parse_effect
 from ldt_core.machine import Plant
 from ldt_core.machine.machine_file import load_machine
+from ldt_core.physics.machine_sizes import most_of
 from tests.benchmarks.row import Row
 
 EXPERIMENTS, CANDIDATES = 20, 20
@@ -42,7 +43,7 @@ def run() -> Iterator[Row]:
     found = diagnose(machine, recorded, effects=effects)
     ours = time.perf_counter() - begin
     fitted, _ = split(recorded, HOLDOUT, 0)
-    most = max(float(np.abs(e.voltage).max()) for e in fitted)
+    most = most_of(machine.parameters, max(float(np.abs(e.voltage).max()) for e in fitted))
     candidates = [Candidate(e, most) for e in effects]
     bench = FreeRunResiduals(
         machine, fitted, workers=os.cpu_count() or 1, tolerance=THRESHOLDS.law_error

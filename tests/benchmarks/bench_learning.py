@@ -27,6 +27,7 @@ from ldt_core.diagnosis.library import library
 from ldt_core.diagnosis.thresholds import THRESHOLDS
 from ldt_core.machine import Plant
 from ldt_core.machine.machine_file import load_machine
+from ldt_core.physics.machine_sizes import most_of
 from ldt_core.twin.loop import Twin
 from tests.benchmarks.row import Row
 
@@ -127,7 +128,7 @@ def verdict(stream: list[Experiment]) -> Row:
         if number > DRIFT and said:
             break
     machine, one = load_machine("rotor"), stream[DRIFT]
-    most = float(np.abs(one.voltage).max())
+    most = most_of(machine.parameters, float(np.abs(one.voltage).max()))
     candidates = [Candidate(effect, most) for effect in library(machine)]
     begin = time.process_time()
     bench = FreeRunResiduals(machine, [one], tolerance=THRESHOLDS.law_error)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from ldt_core.diagnosis.candidate import Candidate
 from ldt_core.effects import EFFECTS
 from ldt_core.machine.machine_file import load_machine
-from ldt_core.physics.machine_sizes import in_own_sizes, machine_scales
+from ldt_core.physics.machine_sizes import in_own_sizes, machine_scales, most_of
 
 
 @given(st.floats(1e-3, 1e3), st.floats(1e-3, 1e3))
@@ -57,7 +57,7 @@ def test_a_coupling_is_sought_where_it_shows_on_this_machine():
     """A search of absolute stiffnesses ended above those at which a small motor's shaft swings."""
     effect = EFFECTS.get("torsional_compliance")
     values = {"J": 3e-4, "K_t": 0.05, "R": 1.5, "b": 1e-4}
-    candidate = Candidate(effect, 12.0, machine_scales(values, 12.0))
+    candidate = Candidate(effect, most_of(values, 12.0), machine_scales(values, 12.0))
     low, high = candidate.bounds
     for hertz in (1.0, 2.0, 5.0, 10.0):
         z = candidate.coordinate(1, values["J"] / 4 * (2 * math.pi * hertz) ** 2)

@@ -41,8 +41,8 @@ _FIELDS = {
     "supply": (
         *("source", "source_rise", "brush", "brush_current", "brush_rise"),
         *("block", "block_fall", "open", "open_fall"),
-        *("current_limit", "speed_limit", "limiter_gain", "limiter_leak", "actuator_time"),
-        *("limit", "limit_sharpness", "dead", "dead_softness", "delay", "walk"),
+        *("current_limit", "current_contact", "speed_limit", "limiter_gain", "limiter_leak"),
+        *("actuator_time", "limit", "limit_sharpness", "dead", "dead_softness", "delay", "walk"),
     ),
     "load": (
         *("load", "load_growth", "load_angle", "cog", "cog_periods", "cog_phase"),
@@ -62,6 +62,7 @@ _FIELDS = {
 
 PLANT = np.dtype([(name, np.float64) for names in _FIELDS.values() for name in names])
 
+CONTACT = 20.0  # Ohm, with which a drive meets its current limit, unless a law says otherwise
 BRISTLE = 0.02  # rad; deflection at which the bristles slip, unless a law says otherwise
 
 
@@ -88,5 +89,6 @@ def ideal(known: Mapping[str, float]) -> Any:
     for name in ("time_housing", "drag_speed", "band_width", "hysteresis_width", "gain"):
         p[name] = 1.0
     p["bristle"], p["stribeck_power"], p["drag_power"] = BRISTLE, 2.0, 2.0
+    p["current_contact"] = CONTACT
     p["limit"] = p["current_limit"] = p["speed_limit"] = p["stall_speed"] = np.inf
     return p

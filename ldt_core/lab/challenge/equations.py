@@ -17,7 +17,6 @@ from ldt_core.base.compiled import njit
 
 COPPER = 0.00393  # 1/K, temperature coefficient of copper's resistance
 TURNING = 0.05  # rad/s, over which a level that depends on the direction changes
-CONTACT = 20.0  # Ohm, with which a drive meets its current limit
 CLUTCH_SPEED = 0.3  # rad/s of slip at which a clutch has three quarters of its torque
 WINDOW_EDGE = 0.02  # s, in which a load comes and goes
 PLAY_RATE = 50.0  # 1/s, at which a memory follows the edge of its play
@@ -126,7 +125,7 @@ def lost_voltage(y, volts, p):  # pragma: no cover - compiled
     if p.open != 0.0 and volts == 0.0:
         lost += p.open / (1.0 + p.open_fall * size) * i
     if size > p.current_limit:
-        lost += CONTACT * play(i, p.current_limit)
+        lost += p.current_contact * play(i, p.current_limit)
     over = abs(y[1]) - p.speed_limit
     if over > 0.0 or (p.limiter_gain > 0.0 and y[16] > 0.0):
         lost += math.copysign(y[16] + 0.5 * max(over, 0.0), y[1])

@@ -11,7 +11,7 @@ from ldt_core.diagnosis.candidate import Candidate
 from ldt_core.effects import get_effect, parse_effect
 from ldt_core.machine.machine_file import Machine, load_machine
 from ldt_core.physics.effect import Effect
-from ldt_core.physics.machine_sizes import machine_scales
+from ldt_core.physics.machine_sizes import machine_scales, most_of
 
 ROTOR, MOTOR = load_machine("rotor"), load_machine("dc_motor")
 PERIOD = 0.01  # s
@@ -78,4 +78,5 @@ def candidates(machine: Machine, names: Sequence[str | Effect], most: float = 12
     """Candidates of a machine, by name or as effects of one's own."""
     sizes = machine_scales(machine.parameters, most)
     effects = [get_effect(n) if isinstance(n, str) else n for n in names]
-    return [Candidate(e, most, sizes) for e in effects]
+    largest = most_of(machine.parameters, most)
+    return [Candidate(e, largest, sizes) for e in effects]

@@ -38,7 +38,7 @@ def test_powers_below_the_noise_have_a_logarithm(power):
 
 def test_a_gap_that_is_less_than_nothing_by_chance_has_a_covariance():
     """Without a gap its power scatters about 0, and may be far below beside a strong prior."""
-    friction = Candidate(get_effect("coulomb_friction"), 10.0)
+    friction = Candidate(get_effect("coulomb_friction"), {})
     fit = EffectFit((friction,), (np.zeros(1),), np.zeros(3), np.ones((3, 1)), 0.0)
     assert covariance(fit, -5.0, -1e6) == pytest.approx(np.array([[1 / 3]]))
 

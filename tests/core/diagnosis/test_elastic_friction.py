@@ -111,7 +111,7 @@ def test_plain_friction_gets_no_turn():
 
 def test_a_diagnosis_stops_at_the_first_detail():
     """A finer law would have coordinates that its search does not know."""
-    detailed = Candidate(get_effect("coulomb_friction"), 24.0).detailed
+    detailed = Candidate(get_effect("coulomb_friction"), {}).detailed
     assert detailed is not None
     assert detailed.effect.detailed is not None
     assert detailed.detailed is None

@@ -26,6 +26,7 @@ from ldt_core.diagnosis.holdout import HOLDOUT, closed, free_run, split
 from ldt_core.diagnosis.responses import SHRINK, STRETCH, best_alone, rank_pairs, simulate_all
 from ldt_core.machine.machine_file import Machine
 from ldt_core.physics.effect import Effect
+from ldt_core.physics.machine_sizes import most_of
 
 ROUGH_EXPERIMENTS = 4  # experiments to which every set is fitted, evenly spread
 ROUGH_PRECISION = 1e-4  # of the sum of squares: fits to the few end there
@@ -46,7 +47,8 @@ class EffectFits:
     def __init__(
         self, machine: Machine, fitted: Sequence[Experiment], effects: Sequence[Effect]
     ) -> None:
-        most = max(float(np.abs(e.voltage).max()) for e in fitted) or 1.0
+        voltage = max(float(np.abs(e.voltage).max()) for e in fitted) or 1.0
+        most = most_of(machine.parameters, voltage)
         self.candidates = [Candidate(e, most) for e in effects]
         self.bench = FreeRunResiduals(machine, fitted)
         self.base = self.bench.of()

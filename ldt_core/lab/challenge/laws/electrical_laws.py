@@ -115,6 +115,19 @@ def _saturation(p, v, s, odd):
 
 
 @electrical(
+    "current_limit",
+    {"limit": "A"},
+    (0.05, 12.0),
+    drawn(R="R", softness=(0.4, 0.8)),
+    lambda size, s, known: {"limit": TOP / s["R"] / (1.0 + size)},
+    quick=True,
+)
+def _current(p, v, s, odd):
+    p["current_limit"] = v["limit"]
+    p["current_contact"] *= 1.0 - odd * s["softness"]
+
+
+@electrical(
     "input_deadzone", {"width": "V"}, (0.01, 4.0), drawn(softness=(0.5, 1.2)), family="voltage loss"
 )
 def _dead(p, v, s, odd):

@@ -158,17 +158,6 @@ def _limiter(p, v, s, odd):
     p["limiter_leak"] = s["leak"]
 
 
-@outside(
-    "current_limit",
-    "current",
-    (0.05, 12.0),
-    lambda random, known: {"stall": 16.0 / known["R"]},
-    lambda size, s, known: {"current": s["stall"] / (1.0 + size)},
-)
-def _current(p, v, s, odd):
-    p["current_limit"] = v["current"]
-
-
 def _belt_each(p, s, number, random):
     p["belt_phase"] = random.uniform(*TURN)
 
