@@ -216,12 +216,11 @@ def dump(data: Any) -> str:
 
 
 def load(text: str) -> Any:
-    """The data in YAML of others, see `load_yaml`.
-
-    Raises:
-        yaml.YAMLError, ValueError, RecursionError: it is none.
-    """
-    return load_yaml(text)
+    """The data in YAML of others, see `load_yaml`; None where it is none."""
+    try:
+        return load_yaml(text)
+    except (yaml.YAMLError, ValueError, RecursionError):
+        return None
 
 
 @functools.cache
