@@ -1,4 +1,4 @@
-"""YAML of others, read in memory that is in proportion to its text."""
+"""YAML without aliases: that of others, read in memory in proportion to its text, and ours."""
 
 from __future__ import annotations
 
@@ -48,6 +48,14 @@ _Loader.add_implicit_resolver(
     ),
     list("-+0123456789."),
 )
+
+
+class PlainDumper(getattr(yaml, "CSafeDumper", yaml.SafeDumper)):  # type: ignore[misc]
+    """YAML without anchors: `load_yaml` takes no aliases, and few readers of bag metadata do."""
+
+    def ignore_aliases(self, data: Any) -> bool:
+        """Of nothing."""
+        return True
 
 
 def load_yaml(text: str) -> Any:
