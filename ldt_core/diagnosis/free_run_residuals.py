@@ -278,10 +278,9 @@ class FreeRunResiduals:
         step: float = SEARCH_STEP,
         angle: float = 0.0,
         follow: bool = True,
-        offset: Array = NO_OFFSET,
     ) -> tuple[Array, Array]:
         """Speed and current of one simulation; see `simulated`, and `Simulated` for the rest."""
-        return self.simulated([Simulated(i, use, angle, offset, follow)], step)[0]
+        return self.simulated([Simulated(i, use, angle, follow=follow)], step)[0]
 
     def simulated(self, runs: Sequence[Simulated], step: float) -> list[tuple[Array, Array]]:
         """Of each (L,) speed as the sensor shows it [rad/s] and (L,) current [A].
