@@ -9,6 +9,8 @@ import yaml
 
 #: The fast one where there is one; both are safe: no tags are obeyed.
 LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+#: What `load_yaml` raises of a text that it does not read.
+NO_YAML = (yaml.YAMLError, ValueError, RecursionError)
 INTEGER, FLOAT = "tag:yaml.org,2002:int", "tag:yaml.org,2002:float"
 
 #: Lists and mappings within each other; the files that we know have five. libyaml's composer calls
@@ -64,8 +66,7 @@ def load_yaml(text: str) -> Any:
     Aliases let two thousand characters stand for gigabytes as soon as anybody looks at all of it.
 
     Raises:
-        yaml.YAMLError, ValueError, RecursionError: it is none, has an alias or a key
-            twice, or is nested deeper.
+        One of NO_YAML: it is none, has an alias or a key twice, or is nested deeper.
     """
     if "*" in text or _may_be_deep(text):
         _refuse_alias_and_depth(text)

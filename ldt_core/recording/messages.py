@@ -18,7 +18,7 @@ import yaml
 
 import msgs_config
 from ldt_core.base.errors import RecordingError
-from ldt_core.base.plain_yaml import PlainDumper, load_yaml
+from ldt_core.base.plain_yaml import NO_YAML, PlainDumper, load_yaml
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
@@ -212,7 +212,7 @@ def load(text: str) -> Any:
     """The data in YAML of others, see `load_yaml`; None where it is none."""
     try:
         return load_yaml(text)
-    except (yaml.YAMLError, ValueError, RecursionError):
+    except NO_YAML:
         return None
 
 
