@@ -387,7 +387,7 @@ def test_a_writer_killed_at_any_moment_loses_nothing_that_was_flushed(tmp_path):
 
     def record() -> None:
         with BagWriter(folder, "rotor", split_size=0.005, resume=True) as bag:
-            number = bag.recorded("experiment").last or 0
+            number = max(bag.recorded("experiment"), default=0)
             while True:
                 number += 1
                 one = experiment(number)
@@ -426,7 +426,7 @@ def test_a_writer_killed_before_any_of_its_steps_can_be_followed(tmp_path, unsyn
     def record() -> None:
         run = {"settings": {"threshold": 2.5}, "split_size": 0.003}
         with BagWriter(folder, "rotor", resume=True, **run) as bag:
-            write(bag, range((bag.recorded("experiment").last or 0) + 1, 13), 40)
+            write(bag, range((max(bag.recorded("experiment"), default=0)) + 1, 13), 40)
 
     def reset() -> None:
         shutil.rmtree(folder, ignore_errors=True)
