@@ -42,9 +42,6 @@ LEAST_EXCITATION = 1e-7
 #: F statistic below which the voltage explains no more than chance: 1e-4 of all noise passes 10 at
 #: order 1, far less at higher orders.
 LEAST_F = 10.0
-#: Relative difference of sample periods, at most: recorded ones are rounded, and a model over 1000
-#: time constants does not feel a millionth.
-PERIOD_TOLERANCE = 1e-6
 #: Samples on which poles and order are first sought; the chosen model is then fitted to all.
 ROUGH_SAMPLES = 6_000
 
@@ -164,7 +161,7 @@ def refuse_undetermined(experiments: Sequence[Experiment], unknowns: int, what: 
     first = experiments[0]
     refuse_period(first)
     for e in experiments[1:]:
-        if abs(e.period - first.period) > PERIOD_TOLERANCE * first.period:
+        if not e.same_period(first):
             raise ExperimentError(
                 f"experiment {e.number}, sample period",
                 f"{first.period:g} s as in experiment {first.number} (one model, one period)",
