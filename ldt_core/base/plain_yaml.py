@@ -1,4 +1,4 @@
-"""YAML of others, read in memory that is in proportion to its text."""
+"""YAML without aliases: that of others, read in memory in proportion to its text, and ours."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ import yaml
 
 #: The fast one where there is one; both are safe: no tags are obeyed.
 LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+#: What `load_yaml` raises of a text that it does not read.
+NO_YAML = (yaml.YAMLError, ValueError, RecursionError)
 INTEGER, FLOAT = "tag:yaml.org,2002:int", "tag:yaml.org,2002:float"
 
 #: Lists and mappings within each other; the files that we know have five. libyaml's composer calls
@@ -50,14 +52,21 @@ _Loader.add_implicit_resolver(
 )
 
 
+class PlainDumper(getattr(yaml, "CSafeDumper", yaml.SafeDumper)):  # type: ignore[misc]
+    """YAML without anchors: `load_yaml` takes no aliases, and few readers of bag metadata do."""
+
+    def ignore_aliases(self, data: Any) -> bool:
+        """Of nothing."""
+        return True
+
+
 def load_yaml(text: str) -> Any:
     """The data in a YAML text without aliases, nested `DEEPEST` deep at most, each key once.
 
     Aliases let two thousand characters stand for gigabytes as soon as anybody looks at all of it.
 
     Raises:
-        yaml.YAMLError, ValueError, RecursionError: it is none, has an alias or a key
-            twice, or is nested deeper.
+        One of NO_YAML: it is none, has an alias or a key twice, or is nested deeper.
     """
     if "*" in text or _may_be_deep(text):
         _refuse_alias_and_depth(text)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Iterable, Sequence
 
@@ -90,22 +89,12 @@ def spans(numbers: Iterable[int]) -> list[Span]:
     return found
 
 
-def gaps(numbers: Iterable[int]) -> list[Span]:
-    """What lies between whole numbers, however far they are apart.
-
-    >>> gaps([1, 2, 6, 8])
-    [(3, 5), (7, 7)]
-    """
-    held = spans(numbers)
-    return [(a + 1, b - 1) for (_, a), (b, _) in itertools.pairwise(held)]
-
-
 def ranges(stretches: Iterable[Span], most: int | None = None) -> str:
     """Whole numbers in words, of many stretches the first ones.
 
     >>> ranges(spans([7, 8, 9, 12])), ranges([(4, 5)]), ranges([])
     ('7 to 9, 12', '4, 5', 'none')
-    >>> ranges(gaps([1, 6, 8, 12]), most=2)
+    >>> ranges([(2, 5), (7, 7), (9, 11)], most=2)
     '2 to 5, 7 and 3 more'
     """
     there = list(stretches)

@@ -10,6 +10,7 @@ import yaml
 
 from ldt_core.base import result_files
 from ldt_core.base.errors import OptionError
+from ldt_core.base.plain_yaml import PlainDumper
 from ldt_core.calibration.calibration import Calibration
 from ldt_core.calibration.identify import EquivalentMotor
 from ldt_core.machine.machine_file import Machine
@@ -149,14 +150,7 @@ def _entries(mapping: Any) -> list[str]:
     return [f"{_flow(key)}: {_flow(value)}" for key, value in mapping.items()]
 
 
-class _Plain(yaml.SafeDumper):  # type: ignore[misc]
-    """Without anchors: a machine file with aliases is not read."""
-
-    def ignore_aliases(self, data: Any) -> bool:
-        return True
-
-
 def _flow(value: Any) -> str:
     style = {"default_flow_style": True, "sort_keys": False, "allow_unicode": True}
-    text: str = yaml.dump(value, Dumper=_Plain, width=10**9, **style)
+    text: str = yaml.dump(value, Dumper=PlainDumper, width=10**9, **style)
     return text.removesuffix("\n").removesuffix("\n...")

@@ -7,12 +7,11 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import click
-import yaml
 
 import msgs_config
 from ldt_core.base.bounded_file import read_bounded
 from ldt_core.base.errors import BadInput, OptionError, did_you_mean
-from ldt_core.base.plain_yaml import load_yaml
+from ldt_core.base.plain_yaml import NO_YAML, load_yaml
 from ldt_core.base.settings import PRESETS, UNSET, check, flag_of, preset
 from ldt_core.cli.completion import among, known
 from ldt_core.cli.idle_options import refuse_idle
@@ -275,7 +274,7 @@ def read_settings(file: str) -> dict[str, Any]:
     """
     try:
         found = load_yaml(read_bounded(file, MOST_BYTES).decode())
-    except (OSError, ValueError, yaml.YAMLError, RecursionError) as error:
+    except (OSError, *NO_YAML) as error:
         got = getattr(error, "strerror", None) or "neither YAML nor JSON"
         raise BadInput(file, "a readable file of parameters", got) from error
     if isinstance(found, dict) and "settings" in found:

@@ -7,8 +7,6 @@ import inspect
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-import yaml
-
 import msgs_config
 from ldt_core.base.errors import (
     FAULTS,
@@ -19,7 +17,7 @@ from ldt_core.base.errors import (
     did_you_mean,
     reason_of,
 )
-from ldt_core.base.plain_yaml import load_yaml
+from ldt_core.base.plain_yaml import NO_YAML, load_yaml
 from ldt_core.base.registry import Registry
 
 if TYPE_CHECKING:
@@ -104,7 +102,7 @@ def _parse(entry: str) -> tuple[str, Any]:
         raise OptionError("detector_argument", "NAME=VALUE", repr(entry))
     try:
         value = load_yaml(text)
-    except (yaml.YAMLError, ValueError, RecursionError):
+    except NO_YAML:
         value = [text]  # refused below
     if not isinstance(value, str | int | float | bool | None):
         expected = "a number, a word, true, false or null after ="

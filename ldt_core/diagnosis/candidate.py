@@ -24,7 +24,6 @@ DIFFERENCE_STEP = 1e-3  # of a coordinate: far above rounding, far below any cur
 # How far a fit may go.
 LEAST_LIMIT = 0.05  # of the largest voltage or current: a lower one would have stopped the machine
 LEAST_FACTOR = 0.05  # a machine further below its file than that is another machine
-OPEN_BOUND_MARGIN = 1e-6  # of a parameter's scale: a fit stays so far inside an open bound
 WHOLE = 1.0  # a share's end, which a machine may reach; other upper ends are where a search ends
 LIMIT_MARGIN = 1e-3  # of a coordinate: nearer to its limit, a fit has ended there
 
@@ -112,8 +111,7 @@ class Candidate:
         value = neutral * math.exp(z) if logarithmic(p) else neutral + z * self.scale(j)
         if p.cyclic and not p.low <= value <= p.high:
             return p.low + (value - p.low) % (2 * math.pi)
-        low = p.low + (OPEN_BOUND_MARGIN * self.scale(j) if p.open_low else 0.0)
-        return min(max(value, low, -LARGEST), p.high, LARGEST)
+        return min(max(value, p.least(self.scale(j)), -LARGEST), p.high, LARGEST)
 
     def given(self, z: Sequence[float] | Array) -> dict[str, float]:
         """All parameters at (d,) coordinates."""
@@ -145,7 +143,7 @@ class Candidate:
                 high.append(self.coordinate(j, p.high) if p.high < math.inf else math.log(most))
             else:
                 s = self.scale(j)
-                low.append((p.low + OPEN_BOUND_MARGIN * s * p.open_low - (p.default or 0.0)) / s)
+                low.append((p.least(s) - (p.default or 0.0)) / s)
                 high.append((p.high - (p.default or 0.0)) / s)
         return np.array(low), np.array(high)
 

@@ -31,6 +31,7 @@ from ldt_core.diagnosis.start_states import (
     searched_start_states,
     start_states_for,
 )
+from ldt_core.estimation.effect.cause import AT_REST
 from ldt_core.estimation.noise import ROUNDING, rounding_correlation, sensor_step
 from ldt_core.estimation.variable_projection import basis_of, project_out
 from ldt_core.machine.machine_file import Machine
@@ -46,7 +47,6 @@ Used = tuple[Effect, Values]
 Use = Sequence[Used]
 
 DIVERGED_SPEED = 1e4  # rad/s, in place of a free run that grows for ever
-AT_REST = 4.0  # noise deviations: a first sample nearer to 0 is that of a machine at rest
 ANGLE_SHOWS = 1e-3  # noise deviations by which an effect that depends on the angle shows it
 TERMINAL_PRICE = 4  # of a torque's steps that one of a voltage at the terminals takes: 34 and 8 ns
 CHANNELS = ("speed", "current")
@@ -278,10 +278,9 @@ class FreeRunResiduals:
         step: float = SEARCH_STEP,
         angle: float = 0.0,
         follow: bool = True,
-        offset: Array = NO_OFFSET,
     ) -> tuple[Array, Array]:
         """Speed and current of one simulation; see `simulated`, and `Simulated` for the rest."""
-        return self.simulated([Simulated(i, use, angle, offset, follow)], step)[0]
+        return self.simulated([Simulated(i, use, angle, follow=follow)], step)[0]
 
     def simulated(self, runs: Sequence[Simulated], step: float) -> list[tuple[Array, Array]]:
         """Of each (L,) speed as the sensor shows it [rad/s] and (L,) current [A].

@@ -61,17 +61,6 @@ class Responses:
         """(K,) inner products of the responses with the residual."""
         return np.asarray(self.responses @ self.base)
 
-    @property
-    def explainable(self) -> float:
-        """Share of the residual's loss that all responses together could take away at most.
-
-        To first order: effects that distort each other's responses can do better.
-        """
-        values, vectors = np.linalg.eigh(self.cosine)
-        kept = values > 1e-9 * values[-1]
-        along = vectors[:, kept].T @ (self.target / self.length)
-        return float(np.sum(along**2 / values[kept])) / float(self.base @ self.base)
-
     def promised_beside(self, base: EffectFit) -> list[tuple[Candidate, Array, float]]:
         """What each other effect promises beside a set, the most promising first.
 

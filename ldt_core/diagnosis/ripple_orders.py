@@ -13,13 +13,13 @@ from collections.abc import Collection, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.signal import lfilter
 
 from ldt_core.base.arrays import Array
 from ldt_core.diagnosis.candidate import Candidate
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
 from ldt_core.diagnosis.start_states import StartStates
 from ldt_core.diagnosis.thresholds import THRESHOLDS
+from ldt_core.physics.integrate import answered
 
 ORDER = "periods"  # name of the parameter that is one
 HIGHEST = 100  # order that is looked at: more teeth than a motor has
@@ -49,7 +49,8 @@ def ripple_orders(residuals: FreeRunResiduals, rest: Array, starts: StartStates)
         e = piece.experiment
         kept = math.exp(-e.period / residuals.memory)
         speed = rest[piece.rows][: len(e)]
-        pushed = lfilter([0.0, 1.0], [1.0, -kept], speed[::-1])[::-1]
+        backward = np.ascontiguousarray(speed[::-1, None])
+        pushed = answered(backward, kept, 1.0, np.zeros(1))[::-1, 0]
         between = 0.5 * (e.speed[1:] + e.speed[:-1])
         angle = starts.angles[i] + np.concatenate([[0.0], np.cumsum(between)]) * e.period
         turned = np.abs(np.concatenate([between, e.speed[-1:]])) * e.period

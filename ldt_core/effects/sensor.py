@@ -7,8 +7,12 @@ import math
 import numpy as np
 
 from ldt_core.base.arrays import Array
+from ldt_core.base.units import UNITS
 from ldt_core.effects.base import Effect, factor_of
 from ldt_core.physics.parameter import Parameter
+
+#: What rad/s are in revolutions per second, rpm, and degrees per second: a display set to these.
+OTHER_UNITS = tuple(1 / UNITS["speed"][unit] for unit in ("rps", "rpm", "deg/s"))
 
 
 def _lagging(speed: Array, period: float, time_constant: float) -> Array:
@@ -33,6 +37,8 @@ SENSOR_GAIN = Effect(
     parameters=(factor_of("of the speed"),),
     typical={"factor": 1.05},
     on_measurement=lambda speed, period, factor: speed * factor,
+    most_factor=100.0,
+    search={"factor": (0.5, 0.8, 1.25, 2.0, *OTHER_UNITS)},
     reference="Doebelin, Measurement Systems, chapter 3 (static sensitivity)",
 )
 

@@ -41,8 +41,6 @@ DIVERGED = 1e6
 WIDEST = 8.0
 #: Start angles that are tried in what makes a difference of a turn.
 ANGLES = 8
-#: Distance that is kept from an open bound, as a part of the parameter's scale.
-OPEN = 1e-6
 ANGLE, SPEED, CURRENT = range(3)
 
 
@@ -299,8 +297,7 @@ class GreyBox:
         return (parameter.scale or 1.0) * self._sizes.get(parameter.unit, 1.0)
 
     def _least(self, parameter: Parameter) -> float:
-        """The lowest value that a fit may take; above an open bound."""
-        return parameter.low + (OPEN * self._scale(parameter) if parameter.open_low else 0.0)
+        return parameter.least(self._scale(parameter))
 
 
 def _shortest(step: float, period: float) -> float:

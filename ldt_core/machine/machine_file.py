@@ -10,8 +10,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
-import yaml
-
 import msgs_config
 from ldt_core.base.bounded_file import nothing_there, read_bounded
 from ldt_core.base.errors import (
@@ -23,7 +21,7 @@ from ldt_core.base.errors import (
     did_you_mean,
     reason_of,
 )
-from ldt_core.base.plain_yaml import load_yaml
+from ldt_core.base.plain_yaml import NO_YAML, load_yaml
 from ldt_core.effects import EFFECTS, get_effect
 from ldt_core.machine.experiment_limits import (
     MOST_SAMPLES,
@@ -282,7 +280,7 @@ def parse_machine(text: str, source: str) -> Machine:
     """A machine from the text of a machine file; `source` is what messages call it."""
     try:
         data = load_yaml(text)
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
+    except NO_YAML as error:
         mark = getattr(error, "problem_mark", None)
         line = f"line {mark.line + 1}: " if mark else ""
         got = line + (getattr(error, "problem", None) or reason_of(error))

@@ -112,12 +112,6 @@ class Model(abc.ABC):
         """This model as a later version, for a return to it."""
         return type(self)(self.machine, self.parameters, version, self.trained_on, **self.options)
 
-    def get_params(self) -> dict[str, Any]:
-        """Constructor arguments by name, as scikit-learn's estimators give them: the untrained
-        model's.
-        """
-        return {"machine": self.machine, **self.options}
-
     def record(self) -> ModelRecord:
         """The model as it is sent and stored."""
         return ModelRecord(self.version, self.kind, self.trained_on, self.parameters)

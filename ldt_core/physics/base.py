@@ -213,11 +213,18 @@ class Physics(abc.ABC):
         on_sensor = [(effect, given) for effect, given in effects if effect.on_measurement]
         if not on_sensor:
             return shown
-        speed = shown.copy()
         states = np.zeros((shown.size, len(self.states)))
-        for _ in range(SENSOR_ROUNDS):
+
+        def seen(speed: Array) -> Array:
             states[:, SPEED] = speed
-            speed = speed + shown - self.measure(states, period, on_sensor)
+            return self.measure(states, period, on_sensor)
+
+        gain = float((seen(shown) - seen(np.zeros_like(shown))) @ shown) / (
+            float(shown @ shown) or 1
+        )
+        speed = shown.copy()
+        for _ in range(SENSOR_ROUNDS):
+            speed = speed + (shown - seen(speed)) / (gain or 1.0)
         return speed
 
     def __repr__(self) -> str:

@@ -12,6 +12,8 @@ Values = Mapping[str, float]
 #: Size of a number, at most, and of one that must not be 0, at least: products of a few of them
 #: and their squares stay in the range of floating point. No motor comes near, in whatever unit.
 LARGEST, SMALLEST = 1e30, 1e-30
+#: Of a parameter's size: a fit stays so far inside an open bound.
+OPEN_MARGIN = 1e-6
 
 
 @dataclass(frozen=True)
@@ -46,6 +48,10 @@ class Parameter:
         """Whether value is finite and within the bounds."""
         above = value > self.low if self.open_low else value >= self.low
         return math.isfinite(value) and above and value <= self.high
+
+    def least(self, size: float) -> float:
+        """The lowest value that a fit may take; `size` is the parameter's on the machine."""
+        return self.low + (OPEN_MARGIN * size if self.open_low else 0.0)
 
     @property
     def cyclic(self) -> bool:

@@ -19,8 +19,8 @@ class ExperimentNumbers:
     >>> held = ExperimentNumbers()
     >>> for number in (1, 2, 3, 7, 5, 6):
     ...     held.add(number)
-    >>> held.spans, 4 in held, 6 in held, held.last
-    ([(1, 3), (5, 7)], False, True, 7)
+    >>> held.spans, 4 in held, 6 in held
+    ([(1, 3), (5, 7)], False, True)
     """
 
     def __init__(self, spans: Iterable[Span] = ()) -> None:
@@ -45,11 +45,6 @@ class ExperimentNumbers:
         """The numbers before and after each jump."""
         held = zip(self._last, self._first[1:], strict=False)
         return [(before, after) for before, after in held if after - before > MOST_JUMP]
-
-    @property
-    def last(self) -> int | None:
-        """The highest, None when there is none."""
-        return self._last[-1] if self._last else None
 
     def add(self, number: int) -> None:
         """Take in one; one that is there already changes nothing."""

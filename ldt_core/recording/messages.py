@@ -18,7 +18,7 @@ import yaml
 
 import msgs_config
 from ldt_core.base.errors import RecordingError
-from ldt_core.base.plain_yaml import load_yaml
+from ldt_core.base.plain_yaml import NO_YAML, PlainDumper, load_yaml
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
@@ -203,25 +203,17 @@ def quoted(value: Any) -> str:
     return text if len(text) <= MAX_QUOTED else text[: MAX_QUOTED - 3] + "..."
 
 
-class _Plain(getattr(yaml, "CSafeDumper", yaml.SafeDumper)):  # type: ignore[misc]
-    """YAML without anchors, which few readers of bag metadata expect."""
-
-    def ignore_aliases(self, data: Any) -> bool:
-        return True
-
-
 def dump(data: Any) -> str:
     """YAML as rosbag2 writes it: block style, keys in their order."""
-    return yaml.dump(data, Dumper=_Plain, sort_keys=False, allow_unicode=True)
+    return yaml.dump(data, Dumper=PlainDumper, sort_keys=False, allow_unicode=True)
 
 
 def load(text: str) -> Any:
-    """The data in YAML of others, see `load_yaml`.
-
-    Raises:
-        yaml.YAMLError, ValueError, RecursionError: it is none.
-    """
-    return load_yaml(text)
+    """The data in YAML of others, see `load_yaml`; None where it is none."""
+    try:
+        return load_yaml(text)
+    except NO_YAML:
+        return None
 
 
 @functools.cache

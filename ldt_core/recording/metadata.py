@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import contextlib
 import textwrap
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import yaml
 from mcap.records import Channel, Schema
 
 from ldt_core.base import result_files
@@ -125,9 +123,7 @@ OURS = (
 def channel_entry(channel: Channel, described: Schema | None) -> dict[str, Any]:
     """A topic as metadata.yaml lists it, by what a file says of its channel."""
     kind = described.name if described else channel.message_encoding
-    offered: Any = None
-    with contextlib.suppress(yaml.YAMLError, RecursionError):
-        offered = load(channel.metadata.get("offered_qos_profiles", ""))
+    offered = load(channel.metadata.get("offered_qos_profiles", ""))
     qos = offered if isinstance(offered, list) else []
     digest = channel.metadata.get("topic_type_hash", "")
     return _entry(channel.topic, kind, channel.message_encoding, qos, digest)
@@ -140,7 +136,7 @@ def read_metadata(file: Path) -> dict[str, Any]:
             return {}
         data = load(file.read_text(encoding="utf-8"))
         info = data["rosbag2_bagfile_information"]
-    except (yaml.YAMLError, ValueError, RecursionError, TypeError, KeyError):
+    except (ValueError, TypeError, KeyError):
         return {}
     return info if isinstance(info, dict) else {}
 

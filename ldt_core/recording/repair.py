@@ -16,7 +16,6 @@ from dataclasses import dataclass, field
 from pathlib import Path, PurePath
 from typing import Any
 
-import yaml
 from mcap.reader import make_reader
 
 from ldt_core.base.errors import LdtError, RecordingError
@@ -315,10 +314,9 @@ def _custom_of(storage: Storage) -> dict[str, str]:
         with contextlib.suppress(*DAMAGE_ERRORS), file.open("rb") as stream:
             said = {r.name: r.metadata for r in make_reader(stream).iter_metadata()}
         text = said.get("rosbag2", {}).get("serialized_metadata", "")
-        with contextlib.suppress(yaml.YAMLError, ValueError, RecursionError, AttributeError):
-            custom = load(text).get("custom_data")
-            if isinstance(custom, dict):
-                return {k: v for k, v in custom.items() if k != RECORDED and isinstance(v, str)}
+        custom = described.get("custom_data") if isinstance(described := load(text), dict) else None
+        if isinstance(custom, dict):
+            return {k: v for k, v in custom.items() if k != RECORDED and isinstance(v, str)}
     return {}
 
 

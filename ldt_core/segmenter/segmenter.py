@@ -189,7 +189,6 @@ class Segmenter:
         gap: the longest pause that is bridged [s]; None takes 3.5 periods.
         lateness: by which a voltage or current may arrive later than a speed of its time [s].
         current: whether there is a current.
-        first: number of the first experiment.
 
     Raises:
         OptionError: a gap shorter than a period.
@@ -203,7 +202,6 @@ class Segmenter:
         gap: float | None = None,
         lateness: float = DEFAULT_LATENESS,
         current: bool = False,
-        first: int = 1,
     ) -> None:
         self.rule, self.period = rule, period
         self.gap = GAP_PERIODS * period if gap is None else gap
@@ -211,7 +209,7 @@ class Segmenter:
             raise OptionError("longest_gap", f"more than the sample period of {period:g} s", gap)
         channels = CHANNELS if current else CHANNELS[:2]
         self._streams = StreamAligner(channels, GRID_TOLERANCE * period, self.gap, lateness)
-        self._number = first
+        self._number = 1
         self._last: float | None = None
         self._counts: Counter[str] = Counter()
         #: Rows that came, and rows that became part of an experiment.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import faulty_sensors as sensors
@@ -12,7 +13,9 @@ from faulty_sensors import SHORT, made
 from ldt_core.base.experiment import DOUBTFUL, Action
 from ldt_core.base.metrics import Summary
 from ldt_core.base.settings import resolve
+from ldt_core.effects import parse_effect
 from ldt_core.machine.machine_file import load_machine
+from ldt_core.machine.plant import Plant
 from ldt_core.machine.sensor_check import doubt, fault
 from ldt_core.twin.loop import Twin
 
@@ -79,3 +82,30 @@ def test_noise_with_long_tails_is_no_fault():
     for e in made(8, noise=0.0):
         tails = np.random.default_rng(e.number).standard_t(3, len(e)) * 1.0
         assert fault(SHORT, sensors.shown(e, e.speed + tails)) == ""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("factor", [60 / (2 * math.pi), 180 / math.pi, 1 / (2 * math.pi)])
+def test_a_speed_in_another_unit_from_some_day_on_is_learned_at_once(factor):
+    """Somebody set the display to rpm; an observer that took it for rad/s diverged."""
+    plant = Plant(load_machine("dc_motor"), experiments=7, seed=1, degradation="none")
+    twin = Twin.from_settings(load_machine("dc_motor"), {**resolve({}), "model": "auto"})
+    for i in range(1, 8):
+        e = plant.experiment(i)
+        step = twin.step(replace(e, speed=factor * e.speed) if i > 5 else e)
+        if i == 6:
+            assert "sensor gain has" in step.adaptation.reason
+    assert step.signal.state == "holds"
+    assert step.signal.max_error < 0.01 * step.original.max_error(step.experiment)
+
+
+@pytest.mark.parametrize("name", ["sensor_gain:factor=30", "sensor_bias:bias=3", "sensor_lag"])
+def test_what_a_sensor_shows_is_looked_through(name):
+    """Its own speed comes back, however much larger it is shown."""
+    physics, period = load_machine("dc_motor").model, 0.01
+    use = [parse_effect(name)]
+    speed = 100 * np.sin(np.arange(400) * period)
+    states = np.zeros((400, len(physics.states)))
+    states[:, 1] = speed
+    seen = physics.behind_sensor(physics.measure(states, period, use), period, use)
+    np.testing.assert_allclose(seen[20:], speed[20:], atol=0.5)

@@ -210,15 +210,6 @@ def test_order_is_not_overstated_under_noise():
     assert orders == [1] * 5
 
 
-def test_feedthrough_is_estimated_when_asked_for():
-    """D = 0.4 is recovered; by default there is none."""
-    truth = StateSpace(MOTOR.A, MOTOR.B, MOTOR.C, D=0.4)
-    e = measure(truth)
-    found = identify([e], 2, feedthrough=True)
-    assert abs(found.D - 0.4) < 4e-8
-    assert identify([e], 2).D == 0.0
-
-
 @pytest.mark.parametrize(("volt", "rate", "second"), [(1e3, 1.0, 1.0), (1.0, 9.55, 1e-3)])
 def test_other_units_give_the_same_model_in_other_units(volt, rate, second):
     """Millivolts, revolutions per minute or milliseconds rescale the model and nothing else."""

@@ -65,10 +65,10 @@ def test_its_record_makes_the_same_model():
 
 
 @pytest.mark.parametrize("name", MODELS.builtin)
-def test_a_models_parameters_make_the_untrained_model_again(name):
-    """As with scikit-learn's estimators, whatever the settings."""
+def test_a_models_options_make_the_untrained_model_again(name):
+    """Whatever the settings."""
     settings = {"order": 2, "offset": False, "inducing": 50, "cause": "coulomb_friction"}
     model = build_model(name, load_machine("dc_motor"), settings)
-    again = type(model)(**model.get_params())
-    assert again.get_params() == model.get_params()
+    again = type(model)(model.machine, **model.options)
+    assert again.options == model.options
     assert (again.version, again.parameters) == (0, model.parameters)

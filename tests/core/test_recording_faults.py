@@ -290,7 +290,8 @@ def test_a_second_repair_keeps_what_the_first_one_kept(whole, tmp_path):
     assert (folder / (NAME + DAMAGED_SUFFIX + ".2")).read_bytes() == again
 
 
-def test_other_programs_files_are_mended_as_they_are(tmp_path):
+@pytest.mark.parametrize("offered", ["- a: 1", "2001-99-99", "*none"])
+def test_other_programs_files_are_mended_as_they_are(tmp_path, offered):
     """Types that LDT does not know, their definitions, encodings and times, byte by byte."""
     file = tmp_path / "x.mcap"
     with file.open("wb") as stream:
@@ -298,7 +299,7 @@ def test_other_programs_files_are_mended_as_they_are(tmp_path):
         writer.start("ros2", library="another")
         known = writer.register_schema(STRING, "ros2msg", schema(STRING)[0].encode())
         odd = writer.register_schema("odd/msg/Odd", "ros2idl", b"whatever they say")
-        words = writer.register_channel("/words", "cdr", known, {"offered_qos_profiles": "- a: 1"})
+        words = writer.register_channel("/words", "cdr", known, {"offered_qos_profiles": offered})
         odds = writer.register_channel("/odds", "odd", odd)
         bare = writer.register_channel("/bare", "json", 0)
         for n in range(30):
@@ -386,7 +387,7 @@ def test_a_writer_killed_at_any_moment_loses_nothing_that_was_flushed(tmp_path):
 
     def record() -> None:
         with BagWriter(folder, "rotor", split_size=0.005, resume=True) as bag:
-            number = bag.recorded("experiment").last or 0
+            number = max(bag.recorded("experiment"), default=0)
             while True:
                 number += 1
                 one = experiment(number)
@@ -425,7 +426,7 @@ def test_a_writer_killed_before_any_of_its_steps_can_be_followed(tmp_path, unsyn
     def record() -> None:
         run = {"settings": {"threshold": 2.5}, "split_size": 0.003}
         with BagWriter(folder, "rotor", resume=True, **run) as bag:
-            write(bag, range((bag.recorded("experiment").last or 0) + 1, 13), 40)
+            write(bag, range((max(bag.recorded("experiment"), default=0)) + 1, 13), 40)
 
     def reset() -> None:
         shutil.rmtree(folder, ignore_errors=True)

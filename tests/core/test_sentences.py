@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ldt_core.base.sentences import gaps, ranges, spans
+from ldt_core.base.sentences import ranges, spans
 
 
 @given(st.sets(st.integers(1, 60)))
@@ -17,13 +17,6 @@ def test_ranges_name_each_number_once(numbers):
         first, _, last = part.partition(" to ")
         found |= set(range(int(first), int(last or first) + 1))
     assert found == numbers
-
-
-@given(st.sets(st.integers(1, 60), min_size=1))
-def test_numbers_and_gaps_fill_the_whole_range(numbers):
-    """Nothing twice, nothing left out."""
-    there = [n for a, b in [*spans(numbers), *gaps(numbers)] for n in range(a, b + 1)]
-    assert sorted(there) == list(range(min(numbers), max(numbers) + 1))
 
 
 @given(st.sets(st.integers(1, 60)), st.integers(1, 5))

@@ -76,7 +76,7 @@ class Cause:
         self.names = [p.name for p in effect.parameters]
         self.neutral = np.array([effect.neutral[n] for n in self.names])
         self.scale = np.array([p.scale or 1.0 for p in effect.parameters])
-        low = [p.low + (1e-6 * (p.scale or 1.0) if p.open_low else 0.0) for p in effect.parameters]
+        low = [p.least(p.scale or 1.0) for p in effect.parameters]
         high = [p.high for p in effect.parameters]
         self.low = (np.array(low) - self.neutral) / self.scale
         self.high = (np.array(high) - self.neutral) / self.scale

@@ -85,7 +85,6 @@ def alternatives(
         c, others = direction[: theta.size], direction[theta.size :]
         moved = Linear(
             linear.c + c,
-            linear.D + (others[0] if search.feedthrough else 0.0),
             linear.v - states @ direction,
             linear.offset + (others[-1] if search.offset else 0.0),
         )

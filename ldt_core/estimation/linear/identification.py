@@ -42,9 +42,6 @@ LEAST_EXCITATION = 1e-7
 #: F statistic below which the voltage explains no more than chance: 1e-4 of all noise passes 10 at
 #: order 1, far less at higher orders.
 LEAST_F = 10.0
-#: Relative difference of sample periods, at most: recorded ones are rounded, and a model over 1000
-#: time constants does not feel a millionth.
-PERIOD_TOLERANCE = 1e-6
 #: Samples on which poles and order are first sought; the chosen model is then fitted to all.
 ROUGH_SAMPLES = 6_000
 
@@ -79,7 +76,6 @@ def identify(
     experiments: Sequence[Experiment],
     order: int | None = None,
     *,
-    feedthrough: bool = False,
     offset: bool = True,
 ) -> Identified:
     """The linear model whose free run from the voltage is nearest to the measured speed.
@@ -92,7 +88,6 @@ def identify(
         experiments: one or more, of one sample period; lengths may differ.
         order: number of states; None or 0 chooses from 1 to 4 on held-out samples, or takes
             1 where no experiment is long enough for that.
-        feedthrough: whether the speed may follow the voltage at once (D ≠ 0). A motor's cannot.
         offset: whether the speed may have an offset, that of a constant load or sensor bias.
 
     Raises:
@@ -105,17 +100,18 @@ def identify(
     orders = range(1, int(order) + 1) if order else TRIED_ORDERS
     experiments = list(experiments)
     least = orders[-1] if order else orders[0]
-    unknowns = _unknowns(least, len(experiments), feedthrough + offset)
+    unknowns = _unknowns(least, len(experiments), offset)
     refuse_undetermined(experiments, unknowns, f"a linear model of order {least}")
     scale = _Scale(experiments, offset)
     inputs = [(e.voltage - scale.voltage_mean) / scale.voltage for e in experiments]
     outputs = [(e.speed - scale.speed_mean) / scale.speed for e in experiments]
     sigma = schwarz.slowest(max(len(e) for e in experiments))
-    flags = {"feedthrough": feedthrough, "offset": offset}
-    search = rough = OutputError(inputs, outputs, sigma, **flags)
+    search = rough = OutputError(inputs, outputs, sigma, offset=offset)
     few = _spread(search.lengths)
     if len(few) < len(experiments):
-        rough = OutputError([inputs[i] for i in few], [outputs[i] for i in few], sigma, **flags)
+        rough = OutputError(
+            [inputs[i] for i in few], [outputs[i] for i in few], sigma, offset=offset
+        )
     with one_thread():
         try:
             orders = _possible(orders, rough, experiments)
@@ -165,7 +161,7 @@ def refuse_undetermined(experiments: Sequence[Experiment], unknowns: int, what: 
     first = experiments[0]
     refuse_period(first)
     for e in experiments[1:]:
-        if abs(e.period - first.period) > PERIOD_TOLERANCE * first.period:
+        if not e.same_period(first):
             raise ExperimentError(
                 f"experiment {e.number}, sample period",
                 f"{first.period:g} s as in experiment {first.number} (one model, one period)",
@@ -190,16 +186,16 @@ def refuse_undetermined(experiments: Sequence[Experiment], unknowns: int, what: 
             raise ExperimentError(f"{_named(experiments)}, {name}", expected, f"{size:g} {unit}")
 
 
-def _unknowns(order: int, experiments: int, others: int) -> int:
-    """Poles, c, perhaps offset and D, and a start state for each experiment."""
-    return 2 * order + others + order * experiments
+def _unknowns(order: int, experiments: int, offset: bool) -> int:
+    """Poles, c, perhaps an offset, and a start state for each experiment."""
+    return 2 * order + offset + order * experiments
 
 
 def _possible(orders: range, search: OutputError, experiments: list[Experiment]) -> range:
     """The orders that the samples suffice for and the voltage excites, else an LdtError."""
     asked, most = orders[-1] if orders is not TRIED_ORDERS else orders[0], 0
     for n in orders:
-        unknowns = _unknowns(n, len(search.lengths), search.feedthrough + search.offset)
+        unknowns = _unknowns(n, len(search.lengths), search.offset)
         if search.count < SAMPLES_PER_UNKNOWN * unknowns or search.excitation(n) < LEAST_EXCITATION:
             break
         most = n
@@ -221,7 +217,7 @@ def _refuse_chance(experiments: list[Experiment], search: OutputError, theta: Ar
     """An F test of the model against one in which the voltage does nothing."""
     with_input, without = search.loss(theta), search.without_input(theta)
     n = theta.size
-    rest = search.count - _unknowns(n, len(search.lengths), search.feedthrough + search.offset)
+    rest = search.count - _unknowns(n, len(search.lengths), search.offset)
     gained, left = (without - with_input) / n, with_input / rest
     if gained < LEAST_F * left:
         raise LdtError(
@@ -241,7 +237,7 @@ def _model(
     residual = search.y - search.outputs(theta, linear)
     squares = float(residual @ residual)
     time = common_correlation_time(np.split(residual, search.begins[1:-1]))
-    unknowns = _unknowns(theta.size, len(search.lengths), search.feedthrough + search.offset)
+    unknowns = _unknowns(theta.size, len(search.lengths), search.offset)
     deviation = residual_deviation(squares, search.count, unknowns, time)
     around = float(((search.y - search.y.mean()) ** 2).sum())
     model, starts = _physical(search, theta, linear, scale, period)
@@ -281,9 +277,8 @@ def _physical(
     A = A.T / period
     B = linear.c * gain / scale.voltage / period
     C = np.eye(theta.size)[0]
-    D = linear.D * scale.speed / scale.voltage
     # the fit saw voltage − mean: the steady state of the mean goes from the offset to the states
     steady = -np.linalg.solve(A, B) * scale.voltage_mean
     offset = linear.offset * scale.speed + scale.speed_mean
-    offset -= float(C @ steady) + D * scale.voltage_mean
-    return StateSpace(A, B, C, D, offset), linear.v * gain + steady
+    offset -= float(C @ steady)
+    return StateSpace(A, B, C, offset=offset), linear.v * gain + steady

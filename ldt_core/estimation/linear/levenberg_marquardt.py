@@ -42,18 +42,18 @@ THETA_TOLERANCE = 1e-9
 
 
 @njit(fastmath=False)
-def _first_pass(step, drive, first, u, y, begins, cuts, feedthrough, offset):
-    """(segments, m, m) products of the columns w, x, u, 1, y; the upper triangle.
+def _first_pass(step, drive, first, u, y, begins, cuts, offset):
+    """(segments, m, m) products of the columns w, x, 1, y; the upper triangle.
 
     Args:
         step, drive, first: A_d (n, n), b_d (n,), b (n,).
         u, y: (samples,) input and output of all experiments, one after the other.
         begins: (experiments + 1,) where each begins, and the end.
         cuts: (segments + 1,) where each segment begins, the experiments' begins among them.
-        feedthrough, offset: whether there are columns u and 1.
+        offset: whether there is a column 1.
     """
     n = drive.size
-    m = 2 * n + feedthrough + offset + 1
+    m = 2 * n + offset + 1
     grams = np.zeros((cuts.size - 1, m, m))
     row, following = np.empty(m), np.empty(2 * n)
     experiment = 0
@@ -66,8 +66,6 @@ def _first_pass(step, drive, first, u, y, begins, cuts, feedthrough, offset):
             if offset:
                 row[m - 2] = 1.0
         for k in range(cuts[s], cuts[s + 1]):
-            if feedthrough:
-                row[2 * n] = u[k]
             row[m - 1] = y[k]
             for i in range(m):
                 factor = row[i]
@@ -85,16 +83,14 @@ def _first_pass(step, drive, first, u, y, begins, cuts, feedthrough, offset):
 
 
 @njit(fastmath=False)
-def _second_pass(
-    step, drive, first, steps, drives, firsts, linear, v, u, y, begins, cuts, feedthrough, offset
-):
-    """(segments, m, m) products of the columns w, x, u, 1, J and the residual; upper triangle.
+def _second_pass(step, drive, first, steps, drives, firsts, linear, v, u, y, begins, cuts, offset):
+    """(segments, m, m) products of the columns w, x, 1, J and the residual; upper triangle.
 
     `steps`, `drives` and `firsts` are the derivatives by θ, the parameter first, `linear` the
-    weights of the columns x, u and 1, `v` (experiments, n) those of the columns w.
+    weights of the columns x and 1, `v` (experiments, n) those of the columns w.
     """
     n = drive.size
-    base = 2 * n + feedthrough + offset
+    base = 2 * n + offset
     m = base + n + 1
     grams = np.zeros((cuts.size - 1, m, m))
     row, following = np.empty(m), np.empty(2 * n)
@@ -113,8 +109,6 @@ def _second_pass(
             own = v[experiment]
             experiment += 1
         for k in range(cuts[s], cuts[s + 1]):
-            if feedthrough:
-                row[2 * n] = u[k]
             left = y[k]
             for i in range(n):
                 left -= own[i] * row[i]
@@ -217,10 +211,10 @@ def _solve(gram, count):
                         gram[i, j] -= factor * gram[k, j]
 
 
-def linear_part(theta, sigma, u, y, begins, cuts, kept, owners, feedthrough, offset):
-    """Weights of the columns x, u and 1 that are best at θ, those of w, and the loss."""
+def linear_part(theta, sigma, u, y, begins, cuts, kept, owners, offset):
+    """Weights of the columns x and 1 that are best at θ, those of w, and the loss."""
     step, drive, first = schwarz.discrete(theta, sigma)
-    grams = _first_pass(step, drive, first, u, y, begins, cuts, feedthrough, offset)
+    grams = _first_pass(step, drive, first, u, y, begins, cuts, offset)
     rest, states = eliminate(grams, kept, owners, begins.size - 1, theta.size)
     count = rest.shape[0] - 1
     _solve(rest, count)
@@ -229,10 +223,10 @@ def linear_part(theta, sigma, u, y, begins, cuts, kept, owners, feedthrough, off
     return linear, v, rest[count, count]
 
 
-def tangent(theta, sigma, linear, v, u, y, begins, cuts, kept, owners, feedthrough, offset):
+def tangent(theta, sigma, linear, v, u, y, begins, cuts, kept, owners, offset):
     """(segments, m, m) products of all columns at θ and some weights, J and residual included."""
     system = schwarz.discrete_slopes(theta, sigma)
-    return _second_pass(*system, linear, v, u, y, begins, cuts, feedthrough, offset)
+    return _second_pass(*system, linear, v, u, y, begins, cuts, offset)
 
 
 def solved(grams, kept, owners, experiments, n):
@@ -336,7 +330,7 @@ def first_damping(rest, n):
 
 def descend(
     theta, low, high, steps, tolerance,
-    sigma, u, y, begins, cuts, kept, owners, feedthrough, offset,
+    sigma, u, y, begins, cuts, kept, owners, offset,
 ):  # fmt: skip
     """(θ, sum of squares) after so many passes or when nothing is gained any more.
 
@@ -347,8 +341,8 @@ def descend(
         (others): as for `tangent`.
     """
     n, experiments = theta.size, begins.size - 1
-    linear, v, _ = linear_part(theta, sigma, u, y, begins, cuts, kept, owners, feedthrough, offset)
-    grams = tangent(theta, sigma, linear, v, u, y, begins, cuts, kept, owners, feedthrough, offset)
+    linear, v, _ = linear_part(theta, sigma, u, y, begins, cuts, kept, owners, offset)
+    grams = tangent(theta, sigma, linear, v, u, y, begins, cuts, kept, owners, offset)
     rest, states = solved(grams, kept, owners, experiments, n)
     damping, growth = first_damping(rest, n), 2.0
     for _ in range(steps - 1):
@@ -360,7 +354,7 @@ def descend(
         trial_linear, trial_v = corrected(linear, v, rest, states, change)
         grams = tangent(
             trial, sigma, trial_linear, trial_v,
-            u, y, begins, cuts, kept, owners, feedthrough, offset,
+            u, y, begins, cuts, kept, owners, offset,
         )  # fmt: skip
         trial_rest, trial_states = solved(grams, kept, owners, experiments, n)
         gained = loss - float(trial_rest[-1, -1])

@@ -49,10 +49,9 @@ RANK_TOLERANCE = 1e-11
 
 @dataclass(frozen=True)
 class Linear:
-    """What is solved for given θ: c (n,), D, v (experiments, n), offset."""
+    """What is solved for given θ: c (n,), v (experiments, n), offset."""
 
     c: Array
-    D: float
     v: Array
     offset: float
 
@@ -64,7 +63,6 @@ class OutputError:
         inputs: one (L,) per experiment, scaled to about 1.
         outputs: as the inputs.
         sigma: slowest decay of the model [per sample], see `schwarz`.
-        feedthrough: whether there is a D.
         offset: whether there is an offset.
     """
 
@@ -74,11 +72,10 @@ class OutputError:
         outputs: list[Array],
         sigma: float,
         *,
-        feedthrough: bool = False,
         offset: bool = True,
     ) -> None:
         self.pieces = (inputs, outputs)
-        self.sigma, self.feedthrough, self.offset = sigma, feedthrough, offset
+        self.sigma, self.offset = sigma, offset
         self.lengths = [u.size for u in inputs]
         self.u, self.y = np.concatenate(inputs), np.concatenate(outputs)
         self.begins = np.cumsum([0, *self.lengths])
@@ -119,16 +116,15 @@ class OutputError:
     @property
     def data(self) -> tuple[Any, ...]:
         """What the passes of `levenberg_marquardt` take, behind θ and the bounds."""
-        flags = (self.feedthrough, self.offset)
         segments = (self.begins, self.cuts, self.kept, self.owners)
-        return (self.sigma, self.u, self.y, *segments, *flags)
+        return (self.sigma, self.u, self.y, *segments, self.offset)
 
     def information(self, theta: Array) -> tuple[Array, Array, Array]:
         """What the samples say of the parameters at the minimum, the start states left free.
 
         Returns:
             (n, n) curvature of the sum of squares over θ, all linear parameters refitted; (p, p)
-            the same over c, D and offset at this θ; (experiments, n, p) what start states take of
+            the same over c and offset at this θ; (experiments, n, p) what start states take of
             those.
         """
         linear, v, _ = linear_part(theta, *self.data)
@@ -171,8 +167,7 @@ class OutputError:
     def solve_quickly(self, theta: Array) -> Linear:
         """The same at θ (n,) in one pass, to about 1e-8."""
         weights, v, _ = linear_part(theta, *self.data)
-        D = float(weights[theta.size]) if self.feedthrough else 0.0
-        return Linear(weights[: theta.size], D, v, float(weights[-1]) if self.offset else 0.0)
+        return Linear(weights[: theta.size], v, float(weights[-1]) if self.offset else 0.0)
 
     def outputs(self, theta: Array, linear: Linear) -> Array:
         """(all samples,) the free run of every experiment, one after the other."""
@@ -184,16 +179,14 @@ class OutputError:
 
     def without_input(self, theta: Array) -> float:
         """Mean square residual at θ (n,) when only start states and offset explain the output."""
-        skipped = theta.size + self.feedthrough
-        factor = _triangle(_At(self, theta).projected()[:, skipped:])
+        factor = _triangle(_At(self, theta).projected()[:, theta.size :])
         return float(factor[-1, -1] ** 2) / self.count
 
     def excitation(self, order: int) -> float:
         """How well the input determines a model of that order, from 0 (not at all) to 1.
 
         Least singular value of the input's effect on n states with poles spread over the time
-        scales of the data, less what start states, offset and feedthrough take, relative to the
-        whole effect.
+        scales of the data, less what start states and offset take, relative to the whole effect.
         """
         poles = -np.geomspace(3 / self.longest, 1 / 3, order)
         at = _At(self, schwarz.from_poles(poles, self.sigma))
@@ -215,10 +208,9 @@ class _At:
         self.search, n = search, theta.size
         step, drive, b = schwarz.discrete(theta, search.sigma)
         states = _states(step, drive, search.u, search.begins)
-        given = [search.u] if search.feedthrough else []
         one = [np.ones(search.y.size)] if search.offset else []
-        #: (all samples, n + 1 to 3): states from zero, input, 1, output.
-        self.columns = np.column_stack([states, *given, *one, search.y])
+        #: (all samples, n + 1 or 2): states from zero, 1, output.
+        self.columns = np.column_stack([states, *one, search.y])
         self.order = n
         #: (longest, n) rows A_dᵏ b.
         self.free = _powers(step, b, search.longest)
@@ -243,15 +235,13 @@ class _At:
         for e, rows in self.search.experiments():
             basis, triangle = self.bases[self.search.lengths[e]]
             v[e] = least_squares_step(triangle, basis.T @ rest[rows], RANK_TOLERANCE)
-        D = float(weights[n]) if self.search.feedthrough else 0.0
         offset = float(weights[-1]) if self.search.offset else 0.0
-        return Linear(weights[:n], D, v, offset)
+        return Linear(weights[:n], v, offset)
 
     def weights(self, linear: Linear) -> Array:
         """The linear parameters in the order of the columns."""
-        D = [linear.D] if self.search.feedthrough else []
         offset = [linear.offset] if self.search.offset else []
-        return np.concatenate([linear.c, D, offset])
+        return np.concatenate([linear.c, offset])
 
 
 def _triangle(columns: Array) -> Array:
