@@ -29,6 +29,7 @@ from ldt_core.base.experiment import (
 )
 from ldt_core.base.model_state import shown_state
 from ldt_core.base.settings import resolve
+from ldt_core.estimation.noise import rougher
 from ldt_core.machine.experiment_limits import too_long_to_learn
 from ldt_core.machine.sensor_check import doubt, fault
 from ldt_core.models.base import Model
@@ -182,7 +183,9 @@ class Adaptor:
         """What was done, with a warning where the machine file would rule the speed out."""
         if not self.sensor_check:
             return told
-        words = doubt(self.model.machine, experiment, self._recent(experiment))
+        machine = self.model.machine
+        words = doubt(machine, experiment, self._recent(experiment))
+        words = words or rougher(machine.calibration, experiment.speed)
         if not words:
             return told
         reason = f"{told.reason}; sensor or machine? {words}"

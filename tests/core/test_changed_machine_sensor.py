@@ -109,3 +109,19 @@ def test_what_a_sensor_shows_is_looked_through(name):
     states[:, 1] = speed
     seen = physics.behind_sensor(physics.measure(states, period, use), period, use)
     np.testing.assert_allclose(seen[20:], speed[20:], atol=0.5)
+
+
+def test_a_speed_far_rougher_than_the_file_knows_is_told():
+    """A ripple above half the sample rate is noise to a model that knows nothing of it."""
+    machine = load_machine("dc_motor")
+    machine = replace(machine, calibration={"noise": {"speed": 0.05}})
+    plant = Plant(machine, experiments=4, seed=1, degradation="none")
+    twin = Twin.from_settings(machine, {**resolve({}), "model": "auto"})
+    random = np.random.default_rng(0)
+    for i in range(1, 5):
+        e = plant.experiment(i)
+        rough = replace(e, speed=e.speed + 0.8 * random.standard_normal(len(e)))
+        step = twin.step(rough if i == 4 else e)
+        assert (DOUBTFUL in step.adaptation.details) == (i == 4)
+    assert step.signal.state == "holds"
+    assert "a noise of 0.8" in step.adaptation.reason
