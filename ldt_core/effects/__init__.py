@@ -25,6 +25,7 @@ _FILES = {
     "drive": (
         "armature_resistance",
         "motor_constant",
+        "magnetic_saturation",
         "armature_inductance",
         "winding_heating",
         "source_resistance",

@@ -49,6 +49,16 @@ def _open(t, theta, omega, current, voltage, p):
     return 0.0
 
 
+def _saturating(t, theta, omega, current, voltage, p):
+    square = current * current / (p[0] * p[0])
+    return -p[1] * current * square / (1.0 + square)
+
+
+def _saturated_back(t, theta, omega, current, voltage, p):
+    square = current * current / (p[0] * p[0])
+    return p[1] * omega * square / (1.0 + square)
+
+
 def _limiting(t, theta, omega, current, voltage, p):
     back, most = p[1] * omega, p[0] * p[2]  # what the motor's speed asks for, what the limit allows
     return min(max(voltage, back - most), back + most) - voltage
@@ -243,10 +253,35 @@ VOLTAGE_SATURATION = Effect(
     reference="Khalil, Nonlinear Systems, chapter 1 (common nonlinearities: saturation)",
 )
 
+MAGNETIC_SATURATION = Effect(
+    name="magnetic_saturation",
+    family="torque limit",
+    description="the motor constant falls with the current, as the armature weakens the field",
+    equation="K_t := K_t / (1 + (i / current)^2), of torque and back-EMF",
+    parameters=(
+        Parameter(
+            "current",
+            "A",
+            0.0,
+            NO_LIMIT,
+            NO_LIMIT,
+            "at which the constant has fallen to half",
+            open_low=True,
+            scale=20.0,
+        ),
+    ),
+    typical={"current": 12.0},
+    torque=_saturating,
+    terminal=_saturated_back,
+    needs=("K_t",),
+    reference="Fitzgerald, Kingsley, Umans, Electric Machinery, chapter on DC machines (armature "
+    "reaction)",
+)
+
 CURRENT_LIMIT = Effect(
     name="current_limit",
-    description="the drive limits the current, and so the torque, in both directions (a motor "
-    "constant that falls with the current looks alike)",
+    family="torque limit",
+    description="the drive limits the current, and so the torque, in both directions",
     equation="V := min(max(V, K_t omega - R limit), K_t omega + R limit), so that |i| <= limit",
     parameters=(
         Parameter(

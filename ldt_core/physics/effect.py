@@ -75,7 +75,8 @@ class Effect:
             holds from its time to the next; the first time is -inf, for what held before.
         torque: (t, theta, omega, current, voltage, p) -> torque on the shaft [N m]; see
             `physics/terms.py`. Compiled, so of plain arithmetic and `math` only.
-        terminal: the same, -> voltage that adds to the supply's at the terminals [V].
+        terminal: the same, -> voltage that adds to the supply's at the terminals [V]. What acts on
+            both sides of the motor, without states of its own, has both functions.
         on_measurement: (speed (L,) [rad/s], period [s], **p) -> (L,) speed as it is measured.
         states: names of states of its own; only with torque or terminal, whose function then takes
             (…, p, state, rate) and writes rate[:]. Such an effect may have `on_parameters` too, for
@@ -98,7 +99,8 @@ class Effect:
             predicts by it claims less.
 
     Raises:
-        OptionError: not exactly one function, or a parameter without default.
+        OptionError: not exactly one function, nor torque and terminal; or a parameter without
+            default.
     """
 
     name: str
@@ -125,8 +127,10 @@ class Effect:
         where = f"effect {self.name}"
         stages = [s for s in STAGES if getattr(self, s) is not None]
         one = [s for s in stages if not (self.states and s == "on_parameters")]
-        if len(one) != 1 or (self.states and one[0] not in ("torque", "terminal")):
-            raise OptionError(where, f"one function among {', '.join(STAGES)}", stages or "none")
+        both = one == ["torque", "terminal"] and not self.states
+        if not both and (len(one) != 1 or (self.states and one[0] not in ("torque", "terminal"))):
+            expected = f"one function among {', '.join(STAGES)}, or torque and terminal"
+            raise OptionError(where, expected, stages or "none")
         for parameter in self.parameters:
             if parameter.default is None or not parameter.accepts(parameter.default):
                 raise OptionError(f"{where}, {parameter.name}", "a default", parameter.default)
@@ -260,6 +264,13 @@ class Effect:
     def first_states(self, state: Array, given: Values) -> tuple[float, ...]:
         """The effect's own states at the first sample, from the machine's (n,)."""
         return (0.0,) * len(self.states) if self.initial is None else self.initial(state, **given)
+
+    @functools.cached_property
+    def terms(self) -> tuple[Effect, ...]:
+        """It by its torque and by its voltage: one effect, or one for each."""
+        if self.torque is None or self.terminal is None:
+            return (self,) if self.torque or self.terminal else ()
+        return replace(self, terminal=None), replace(self, torque=None)
 
     @functools.cached_property
     def _own_names(self) -> frozenset[str]:

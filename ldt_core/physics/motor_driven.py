@@ -148,7 +148,7 @@ class MotorDriven(Physics):
         if any(effect.on_voltage is not None for effect, _ in run.effects):
             switches = self._switches(values, times, volts, state, run.effects)
         on_grid = switches[0] is times or np.array_equal(switches[0], times)
-        terms = [(e, p) for e, p in run.effects if e.torque is not None or e.terminal is not None]
+        terms = [(term, p) for e, p in run.effects for term in e.terms]
         exact = on_grid and not terms and self.is_linear(values)
         return BegunRun(values, times, switches, on_grid, state, terms, tracked, exact, run.work)
 

@@ -22,6 +22,7 @@ from tests.bench_faults import (
 HALF = EXPERIMENTS // 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("change", CHANGES)
 def test_the_motor_changes_half_way(change):
     """Not before; and the same voltages move it otherwise after that."""
@@ -34,6 +35,7 @@ def test_the_motor_changes_half_way(change):
     assert all(np.array_equal(a.speed, b.speed) for a, b in zip(again, changed, strict=True))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", [f for f in FAULTS if f != "none"])
 def test_a_fault_shows_from_the_first_experiment_on(fault):
     """In the voltage or in the speed, by more than another draw of the noise."""

@@ -67,6 +67,7 @@ def run(folder, sent, resume=False, **given):
     return offline.run(SHORT, settings, iter(sent), folder)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("every", [0, 4])
 @pytest.mark.parametrize("name", COUNTERS)
 def test_wherever_it_was_interrupted_the_numbers_are_the_same(name, every, tmp_path):

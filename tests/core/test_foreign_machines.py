@@ -172,6 +172,7 @@ def test_what_changed_is_learned_and_never_called_right_while_grossly_wrong(
     assert twin_error <= MOST_LEFT * original_error
 
 
+@pytest.mark.slow
 def test_a_law_that_only_a_higher_voltage_shows_is_a_new_range(machine):
     """It is learned, and the machine has not changed before it fails where the file was right."""
     random, twin = np.random.default_rng(5), Twin(machine)

@@ -90,6 +90,7 @@ def test_its_file_runs_nearly_as_the_machine_does():
     assert left < 0.3 * measured[0].speed.std()
 
 
+@pytest.mark.slow
 def test_identify_says_the_command_and_the_command_works(tmp_path):
     """From `ldt identify BAG` to a machine file with gravity in it."""
     bag, out = tmp_path / "bag", tmp_path / "pendulum.yaml"

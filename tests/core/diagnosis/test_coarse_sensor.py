@@ -90,6 +90,7 @@ def test_a_healthy_machine_has_no_gap(healthy, step):
     assert found.gap.noise_std == pytest.approx(ROUNDING * step, rel=0.3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "torque"),
     [
@@ -112,6 +113,7 @@ def test_residuals_are_divided_by_what_the_steps_hide(healthy):
     assert residuals.whiteness[0] < 0.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("machine", [ROTOR, MOTOR], ids=["rotor", "motor"])
 def test_steps_that_hide_some_of_the_noise_make_no_gap(machine):
     """Noise of a third of a step hardly shows in the differences of a slow signal."""

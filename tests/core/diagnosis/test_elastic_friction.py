@@ -89,6 +89,7 @@ def test_the_detail_acts_where_it_is_given():
         parse_effect("coulomb_friction:torque=0.1,presliding=-1")
 
 
+@pytest.mark.slow
 def test_a_diagnosis_finds_the_turn_and_its_file_gives_it_back(tmp_path):
     held = [np.repeat(np.random.default_rng(k).uniform(-3, 3, 25), 20) for k in range(4)]
     found = diagnose(MOTOR, record(MOTOR, ELASTIC, count=4, noise=0.02, levels=held))
@@ -103,6 +104,7 @@ def test_a_diagnosis_finds_the_turn_and_its_file_gives_it_back(tmp_path):
     assert given["presliding"] == pytest.approx(0.06, rel=0.1)
 
 
+@pytest.mark.slow
 def test_plain_friction_gets_no_turn():
     found = diagnose(MOTOR, record(MOTOR, "coulomb_friction:torque=0.1", noise=0.02))
     (named,) = found.effects

@@ -151,6 +151,7 @@ def test_what_is_not_known_of_a_running_machine_is_projected_out(name):
     assert max(np.abs(a).max() for a in along) < 1e-6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [2, 4])
 @pytest.mark.parametrize("hold", [60, 150])
 def test_a_fit_goes_on_down_to_the_noise_while_its_foundation_moves_at_the_start(seed, hold):

@@ -13,6 +13,8 @@ from ldt_core.diagnosis.diagnose import diagnose
 from tests.core.diagnosis.recorded_machines import record
 from tests.motors import motor_file
 
+pytestmark = pytest.mark.slow
+
 TRUE = {"J": 2e-4, "K_t": 0.05, "R": 1.5, "L": 5e-4, "b": 1e-4}
 SAMPLES, PERIOD, NOISE = 800, 0.005, 0.5
 runs = functools.partial(record, count=6, samples=SAMPLES, hold=100, noise=NOISE)
@@ -89,7 +91,6 @@ def with_friction():
     [
         ({"K_t": 0.045}, {"motor_constant"}),
         ({"J": 2.4e-4}, {"inertia", "armature_resistance"}),
-        ({"R": 1.65}, {"armature_resistance", "inertia"}),
     ],
 )
 def test_a_number_that_changed_is_named_beside_what_the_file_lacks(

@@ -18,6 +18,8 @@ from ldt_core.effects import get_effect
 from ldt_core.physics.effect import Effect
 from ldt_core.physics.parameter import Parameter
 
+pytestmark = pytest.mark.slow
+
 VOLTS = (-12.0, 12.0)
 
 

@@ -47,6 +47,7 @@ def test_a_change_of_the_machine_is_no_unit(effect):
     assert told(MOTOR, record(MOTOR, count=3), 1.0) == ""
 
 
+@pytest.mark.slow
 def test_a_diagnosis_says_so():
     """Beside its verdict, with the option that mends it."""
     shown = [replace(e, speed=30 / math.pi * e.speed) for e in record(MOTOR, count=3)]

@@ -66,6 +66,7 @@ def test_a_candidate_that_cannot_be_simulated_says_so():
     assert not any("-" in (c.rejected_because or "") for c in found.candidates)
 
 
+@pytest.mark.slow
 def test_a_shaft_that_stands_still_is_no_explanation():
     """Friction that stops the shaft closes nearly all of the gap, and explains no motion."""
     random = np.random.default_rng(0)

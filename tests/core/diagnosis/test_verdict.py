@@ -174,6 +174,7 @@ def test_what_forward_running_cannot_tell_apart_is_ambiguous(one_way):
     assert min(found.next_experiment.voltage) <= 0.0
 
 
+@pytest.mark.slow
 def test_all_that_no_voltage_of_one_sign_tells_apart_is_named():
     """Relatives that were tried in two places took the room of what is alike."""
     recording = record(MOTOR, "coulomb_friction:torque=0.01", volts=(4.0, 12.0), samples=1000)
@@ -464,6 +465,7 @@ def test_a_limit_that_one_experiment_reaches_is_found_beside_a_delay():
     assert found.verdict.acting == [["input_delay"], ["voltage_saturation"]]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("effects", "named", "noted"),
     [

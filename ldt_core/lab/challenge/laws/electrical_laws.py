@@ -45,11 +45,24 @@ def _resistance(p, v, s, odd):
     # loss: of what the constant has more or less
     drawn(sign=EITHER, loss=(0.3, 0.8), current=(4.0, 12.0)),
     factor(0.6),
+    family="flux",
 )
 def _constant(p, v, s, odd):
     p["K"] *= v["factor"]
     p["flux_loss"] = odd * s["loss"] * abs(v["factor"] - 1.0)
     p["flux_current"] = s["current"]
+
+
+@electrical(
+    "magnetic_saturation",
+    {"current": "A"},
+    (0.02, 20.0),
+    drawn(R="R", rest=(0.1, 0.3)),  # rest: of the constant, however large the current
+    lambda size, s, known: {"current": TOP / s["R"] / math.sqrt(size)},
+    family="flux",
+)
+def _flux(p, v, s, odd):
+    p["flux_loss"], p["flux_current"] = 1.0 - odd * s["rest"], v["current"]
 
 
 @electrical(
