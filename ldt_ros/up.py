@@ -133,21 +133,19 @@ def command(settings: dict[str, Any], force: bool, as_json: bool) -> None:
         refuse_force(force)
     settings = _resumed(settings)
     given = resolve(settings)
-    with (
-        stop_on_signals(insist=False) as stop,
-        replacing("" if settings["resume"] else settings["bag"], force, [settings["play"]]),
-        _supervised(given) as supervisor,
-    ):
-        from ldt_core.cli.progress import RunProgress, print_summaries
-        from ldt_core.machine.machine_file import load_machine
+    out = "" if settings["resume"] else settings["bag"]
+    with stop_on_signals(insist=False) as stop, replacing(out, force, [settings["play"]]):
+        with _supervised(given) as supervisor:
+            from ldt_core.cli.progress import RunProgress, print_summaries
+            from ldt_core.machine.machine_file import load_machine
 
-        machine = load_machine(settings["machine"]).name
-        count = settings["machines"]
-        names = [f"machine_{i + 1}" for i in range(count)] if count > 1 else [machine]
-        total = None if settings["play"] else settings["experiments"]
-        with RunProgress(dict.fromkeys(names, total)) as progress:
-            runs = _run(given, supervisor, progress.show, stop.is_set)
-    print_summaries([(r.name, r.summary, str(r.bag)) for r in runs], settings, as_json)
+            machine = load_machine(settings["machine"]).name
+            count = settings["machines"]
+            names = [f"machine_{i + 1}" for i in range(count)] if count > 1 else [machine]
+            total = None if settings["play"] else settings["experiments"]
+            with RunProgress(dict.fromkeys(names, total)) as progress:
+                runs = _run(given, supervisor, progress.show, stop.is_set)
+        print_summaries([(r.name, r.summary, str(r.bag)) for r in runs], settings, as_json)
     if stop.is_set() and not as_json and runs[0].bag.exists():
         from ldt_core.cli.terminal import echo
         from ldt_core.restart.run_key import command_to_resume

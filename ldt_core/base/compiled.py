@@ -29,19 +29,40 @@ if numba.config.DISABLE_JIT:
 #: The version of numba whose cache was tried, the one that `constraints.txt` installs.
 TRIED = "0.68.1"
 
+NO_PLACE = (
+    "no folder for compiled code can be written to, neither beside LDT nor in the home folder; "
+    "set NUMBA_CACHE_DIR to one"
+)
+
 
 class _TellingCache(FunctionCache):  # type: ignore[misc]  # untyped
-    """Tells of each function that was compiled, since the cache had it not."""
+    """Tells of each function that was compiled, since the cache had it not.
+
+    A cache that cannot be read or written costs time and nothing else. numba fails at a file that a
+    power failure cut, at every start from then on, and at a full disk.
+    """
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        try:
+            return self._load(sig, target_context)
+        except Exception:  # whatever pickle makes of a damaged file
+            with contextlib.suppress(OSError):
+                self.flush()
+            return None
+
+    def _load(self, sig: Any, target_context: Any) -> Any:
+        return super().load_overload(sig, target_context)
 
     def save_overload(self, sig: Any, data: Any) -> None:
         first_compilation.tell()
-        super().save_overload(sig, data)
+        with contextlib.suppress(Exception):  # also what could not be flushed is read here
+            super().save_overload(sig, data)
 
 
 class _ReadyCache(_TellingCache):
     """Loads what is ready before, not after, the compiler is."""
 
-    def load_overload(self, sig: Any, target_context: Any) -> Any:
+    def _load(self, sig: Any, target_context: Any) -> Any:
         rtsys.initialize(target_context)  # what is loaded calls it by addresses, unset before
         with self._guard_against_spurious_io_errors():
             return self._load_overload(sig, target_context)
@@ -55,7 +76,10 @@ def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
 
     def compiled(function: Callable[..., Any]) -> Any:
         dispatcher = numba.njit(**options)(function)
-        dispatcher._cache = _Cache(function)
+        try:
+            dispatcher._cache = _Cache(function)
+        except RuntimeError as error:  # every process would compile all anew
+            raise ImportError(NO_PLACE) from error
         return dispatcher
 
     return compiled

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ldt_core.base.arrays import real_numbers
 from ldt_core.base.errors import ExperimentError, described
 
 Samples = NDArray[np.float64]
@@ -28,9 +29,7 @@ PERIOD_TOLERANCE = 1e-6
 
 def _samples(where: str, values: ArrayLike, length: int | None = None) -> Samples:
     try:
-        if np.iscomplexobj(values):  # of which numpy would drop the half
-            raise TypeError
-        array = np.array(values, dtype=np.float64)
+        array = real_numbers(values)
     except (TypeError, ValueError):
         raise ExperimentError(where, "a row of numbers", described(values)) from None
     if array.ndim != 1 or array.size == 0:

@@ -59,8 +59,8 @@ def check_effect(effect: Effect, machines: list[Machine] | None = None) -> list[
     largest = furthest = 0.0
     for machine in suited:
         where = f"{name} on {machine.name}"
-        if effect.torque or effect.terminal:
-            _check_reading(effect, machine)
+        for term in effect.terms:
+            _check_reading(term, machine)
         plain = _speed(machine)
         neutral = np.abs(_speed(machine, effect, effect.neutral) - plain).max()
         assert neutral <= NEUTRAL_TOLERANCE, (
@@ -71,7 +71,7 @@ def check_effect(effect: Effect, machines: list[Machine] | None = None) -> list[
         assert np.array_equal(first, again), f"{where}: two runs differ"
         assert np.isfinite(first).all(), f"{where}: speeds that are not finite"
         largest = max(largest, float(np.abs(first - plain).max()))
-        if effect.torque or effect.terminal:
+        if effect.terms:
             furthest = max(furthest, _check_step(effect, machine, first))
         _check_extremes(effect, machine)
     assert largest >= LEAST_CHANGE, (
@@ -87,7 +87,7 @@ def check_effect(effect: Effect, machines: list[Machine] | None = None) -> list[
         "bound of a parameter gives a speed that is not finite",
         f"the typical values change the speed by up to {largest:.3g} rad/s",
     ]
-    if effect.torque or effect.terminal:
+    if effect.terms:
         done += [
             "the function is compiled and reads no further than its parameters",
             f"a quarter of the step changes the speed by {furthest:.1g} rad/s at most",

@@ -23,6 +23,7 @@ from ldt_core.base.errors import OptionError
 from ldt_core.base.result_files import check_target, check_writable
 from ldt_core.base.sentences import listed
 from ldt_core.cli.terminal import warn
+from ldt_core.recording.lock import is_written
 
 #: By which a folder shows that it is a recording, or that of a fleet's.
 RECORDING = ("metadata.yaml", "*/metadata.yaml", "*.mcap")
@@ -102,7 +103,8 @@ def replacing(
         marks: patterns of files by which a folder shows that LDT has written it.
 
     Raises:
-        OptionError: there is a folder and no `force`, it is none of LDT's, or it is what is read.
+        OptionError: there is a folder and no `force`, it is none of LDT's, it is what is read, or a
+            run is writing it.
     """
     place = Path(out)
     if not out or not place.exists():
@@ -116,6 +118,8 @@ def replacing(
         raise OptionError("--out", "another recording than the one that is read", out)
     if not place.is_dir() or not any(any(place.glob(mark)) for mark in marks):
         raise OptionError("--force", "a folder to replace that ldt has written", out)
+    if any(is_written(folder) for folder in (place, *place.glob("*/"))):
+        raise OptionError("--force", "a recording that nobody is writing", out)
     aside = place.with_name(f".{place.name}.{os.getpid()}.before")
     place.rename(aside)
     try:
@@ -127,10 +131,13 @@ def replacing(
             shutil.rmtree(place, ignore_errors=True)
             aside.rename(place)
         raise
-    if aside.is_symlink():
-        aside.unlink()
-    else:
-        shutil.rmtree(aside)
+    try:
+        if aside.is_symlink():
+            aside.unlink()
+        else:
+            shutil.rmtree(aside)
+    except OSError as error:  # another user's, which may be renamed and not deleted
+        warn(f"the earlier {place} cannot be deleted and is kept as {aside}: {error.strerror}")
 
 
 def present_spelling(arguments: Sequence[str], flags: Sequence[str]) -> list[str]:

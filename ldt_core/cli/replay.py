@@ -55,24 +55,21 @@ def command(
     rate = 1.0 if settings["real_time"] else parse_rate(settings["rate"])
     played = read_bag(recording, namespace)
     summary = Summary()
-    with (
-        stop_on_signals() as stop,
-        replacing(out, force, [recording]),
-        RunProgress({machine.name: None}) as progress,
-    ):
-        offline.run(
-            machine,
-            {**settings, "play": recording, "play_namespace": namespace},
-            paced(played.experiments(refused=summary.reject), rate, stop),
-            out,
-            partial(progress.show_step, machine.name),
-            summary=summary,
-            in_time=stop.in_time,
-        )
-    summary.note(*played.notes)
-    if stop.is_set():
-        summary.note(INTERRUPTED)
-    runs = [(machine.name, summary, out)]
-    print_summaries(runs, settings, as_json)
-    if stop.is_set():
-        raise interrupted_run(runs, {**settings, "play": recording})
+    with stop_on_signals() as stop, replacing(out, force, [recording]):
+        with RunProgress({machine.name: None}) as progress:
+            offline.run(
+                machine,
+                {**settings, "play": recording, "play_namespace": namespace},
+                paced(played.experiments(refused=summary.reject), rate, stop),
+                out,
+                partial(progress.show_step, machine.name),
+                summary=summary,
+                in_time=stop.in_time,
+            )
+        summary.note(*played.notes)
+        if stop.is_set():
+            summary.note(INTERRUPTED)
+        runs = [(machine.name, summary, out)]
+        print_summaries(runs, settings, as_json)
+        if stop.is_set():
+            raise interrupted_run(runs, {**settings, "play": recording})

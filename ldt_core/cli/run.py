@@ -53,9 +53,9 @@ def command(settings: dict[str, Any], force: bool, no_bag: bool, as_json: bool) 
     place = "" if no_bag or settings["resume"] else settings["bag"]
     with stop_on_signals() as stop, replacing(place, force, [settings["play"]]):
         runs = _conduct(settings, no_bag, stop)
-    print_summaries(runs, settings, as_json)
-    if any(INTERRUPTED in summary.notes for _, summary, _ in runs):
-        raise interrupted_run(runs, settings)
+        print_summaries(runs, settings, as_json)
+        if any(INTERRUPTED in summary.notes for _, summary, _ in runs):
+            raise interrupted_run(runs, settings)
 
 
 def _simulated(plant: Plant, count: int, after: int) -> Iterator[Experiment]:

@@ -58,7 +58,10 @@ def next_experiment(
 
 
 def _designs(residuals: FreeRunResiduals, seed: int) -> list[tuple[str, Array]]:
-    """Inputs within the machine's limits, each with its name."""
+    """Inputs within the machine's limits, each with its name, that move it.
+
+    A machine that remembers for longer than an experiment may last is still at rest in some.
+    """
     random = np.random.default_rng(seed)
     e = residuals.experiments[0]
     low, high = residuals.machine.voltage_limits
@@ -81,7 +84,7 @@ def _designs(residuals: FreeRunResiduals, seed: int) -> list[tuple[str, Array]]:
         ("slow ramps from standstill to full voltage", most * there),
         ("steps up to the voltage's limit", max(high, most) * np.abs(steps)[index]),
     ]
-    return [(name, np.clip(volts, low, high)) for name, volts in made]
+    return [(name, volts) for name, v in made if (volts := np.clip(v, low, high)).any()]
 
 
 def _separation(

@@ -183,6 +183,22 @@ def test_an_environment_in_which_nothing_can_be_compiled_is_said(tmp_path):
     one_sentence(errors, "a library cannot be loaded", "NUMBA_DISABLE_JIT")
 
 
+def test_where_compiled_code_can_be_kept_nowhere_it_is_said(tmp_path):
+    """A read-only installation and home, as in a container; it was a traceback of numba's."""
+    code = """
+import tempfile
+
+def read_only(*_, **__):
+    raise OSError(30, "Read-only file system")
+
+tempfile.TemporaryFile = read_only
+"""
+    run_it = ["run", "--bag", str(tmp_path / "a")]
+    told, _, errors = ldt_process(*run_it, code=code)
+    assert told == FAILED
+    one_sentence(errors, "a library cannot be loaded", "compiled code", "NUMBA_CACHE_DIR")
+
+
 def test_a_reader_that_leaves_early_is_no_traceback(programs):
     """`ldt --help | head -1`."""
     command = [sys.executable, "-c", "from ldt_core.cli import main; main(['invoke', '--help'])"]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shlex
+import shutil
 import struct
 import time
 from pathlib import Path
@@ -81,7 +82,7 @@ WRONG = {
     "import {files}/mine --voltage u --speed n --time t --out out": "expected .mcap files",
     "diagnose {files}/log.csv --machine rotor --out out": "ldt info says how",
     "diagnose {files}/nameless --out out": "ldt identify",
-    "simulate --effect unblance:e=5mm --out out": "one of 29 names (did you mean 'unbalance'?)",
+    "simulate --effect unblance:e=5mm --out out": "one of 31 names (did you mean 'unbalance'?)",
     "import {files}/log.csv --voltage u --speed rpm:rmp --time u --out out": "did you mean 'rpm'?",
     "report {files}/motor": "'-o' / '--out' is missing, as in: ldt report my_run -o",
     "info {files}/motr": "(did you mean '{files}/motor'?)",
@@ -186,6 +187,49 @@ def test_what_was_there_comes_back_where_nothing_new_was_made(tmp_path):
         fail("half")
     (aside,) = tmp_path.glob(".run.*.before")
     assert (aside / "metadata.yaml").read_text() == "before"
+
+
+def test_a_recording_that_is_being_written_is_not_replaced(tmp_path, capsys):
+    """Its run lost all that it had."""
+    place = tmp_path / "run"
+    for name in ("", "machine_1"):
+        with BagWriter(place / name):
+            assert invoke(ldt, ["run", "--experiments", "1", "-o", str(place), "--force"]) == 2
+        told = capsys.readouterr().err
+        assert f"--force: expected a recording that nobody is writing, got {place}" in told
+
+
+def test_what_was_there_stays_beside_a_run_that_failed(tmp_path, capsys):
+    """It was deleted, although nothing had been answered."""
+    place = tmp_path / "run"
+    own = tmp_path / "own.py"
+    own.write_text(
+        "from ldt_core.models.physics import PhysicsModel\n"
+        "class Mine(PhysicsModel):\n    kind = 'mine'\n    predict = None\n"
+    )
+    with BagWriter(place):
+        pass
+    run_it = ["run", "--experiments", "1", "-o", str(place), "--force", "--model", f"{own}:Mine"]
+    assert invoke(ldt, run_it) == 1
+    assert "the earlier one is kept as" in capsys.readouterr().err
+    assert len(list(tmp_path.glob(".run.*.before"))) == 1
+
+
+def test_what_was_there_and_cannot_be_deleted_is_named(tmp_path, monkeypatch, capsys):
+    """Another user's; the command failed, with the name of a file alone, and said no results."""
+    place = tmp_path / "run"
+    place.mkdir()
+    (place / "metadata.yaml").write_text("before")
+
+    def refuse(folder):
+        raise PermissionError(13, "Permission denied", "metadata.yaml")
+
+    monkeypatch.setattr(shutil, "rmtree", refuse)
+    with replacing(str(place), True):
+        place.mkdir()
+    (aside,) = tmp_path.glob(".run.*.before")
+    told = capsys.readouterr().err
+    assert f"cannot be deleted and is kept as {aside}: Permission denied" in told
 
 
 def test_a_diagnosis_that_names_nothing_is_said_to_add_nothing(tmp_path, capsys):

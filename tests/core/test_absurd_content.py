@@ -289,3 +289,18 @@ def test_fragments_among_experiments_are_left_out_of_a_diagnosis():
     found = diagnose(cut, SHORT)
     assert "3 experiments of fewer than 10 samples left out" in found.notes
     assert {*found.experiments["fit"], *found.experiments["held_out"]} == {2, 4, 6}
+
+
+HIDDEN = {
+    "masked": (np.ma.masked_greater([1.0, 2.0, 9.0], 8.0), "finite samples, got nan at sample 2"),
+    "dates": (np.zeros(3, "M8[s]"), "a row of numbers"),
+    "durations": (np.zeros(3, "m8[s]"), "a row of numbers"),
+}
+
+
+@pytest.mark.parametrize("name", HIDDEN)
+def test_what_numpy_makes_numbers_of_and_is_none_is_refused(name):
+    """What stands under a mask was learned from, and times as seconds since 1970."""
+    values, words = HIDDEN[name]
+    with pytest.raises(ExperimentError, match=f"voltage: expected {words}"):
+        Experiment(1, 1e9, 0.1, values, [0.0, 0.0, 0.0])

@@ -80,6 +80,29 @@ def test_every_function_of_ours_can_be_loaded_so() -> None:
     assert int(_python(LOAD_ALL)) >= 3
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("suffix", [".nbi", ".nbc"])
+def test_a_cache_that_a_power_failure_cut_is_made_anew(suffix: str, tmp_path: Path) -> None:
+    """Empty, cut or other bytes: numba failed at it, at every start from then on."""
+    (tmp_path / "of_a_file.py").write_text(SOURCE)
+    value, *_ = _called(tmp_path)
+    (file,) = tmp_path.rglob(f"*{suffix}")
+    whole = file.read_bytes()
+    for damaged in (b"", whole[:100], whole[:-9], bytes(len(whole))):
+        file.write_bytes(damaged)
+        assert _called(tmp_path)[:2] == (value, 0)
+        assert _called(tmp_path)[:2] == (value, 1)
+
+
+@pytest.mark.slow
+def test_a_cache_on_a_full_disk_costs_time_alone(tmp_path: Path) -> None:
+    """The run ended, without the name of the folder that is full."""
+    (tmp_path / "of_a_file.py").write_text(SOURCE)
+    limit = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))"
+    value, hits, _ = _called(tmp_path, limit)
+    assert (_called(tmp_path)[0], hits) == (value, 0)
+
+
 def test_the_numba_that_is_installed_by_constraints_is_the_one_that_was_tried() -> None:
     """Whoever renews the constraints has to try the cache again, by the two tests above."""
     pinned = (Path(__file__).parents[2] / "constraints.txt").read_text().splitlines()

@@ -379,7 +379,8 @@ def test_a_function_that_cannot_be_compiled_is_refused_with_a_sentence():
     "wrong",
     [
         {},
-        {"torque": math.cos, "terminal": math.cos},
+        {"torque": math.cos, "on_voltage": math.cos},
+        {"torque": math.cos, "terminal": math.cos, "states": ("a",)},
         {"on_voltage": math.cos, "states": ("a",)},
         {"torque": math.cos, "parameters": (Parameter("c", ""),)},
     ],

@@ -77,11 +77,8 @@ def test_the_laws_are_of_the_librarys_effects_by_their_names_and_units():
         assert dict(law.units) == {p.name: p.unit for p in get_effect(name).parameters}, name
 
 
-@pytest.mark.parametrize("name", sorted(LAWS))
-def test_a_laws_nearest_parameters_explain_nearly_all_of_its_gap_in_the_twin(name):
-    """And never all of it: no candidate is exactly right."""
-    # Near capture free runs part by rounding; of cogging, 4 draws many cases that are not fair.
-    seed = {"foundation_damping": 5, "cogging_torque": 1}.get(name, 4)
+def explained(name, seed):
+    """The share of a case's gap that the law's nearest parameters explain in the twin."""
     plan = plan_case("single", [name], seed=(seed,), strength=6.0, **MIDDLE)
     machine, bench = machine_from_dict(plan.machine, "case"), CaseBench(plan.setting)
     effect, key = get_effect(name), plan.truth["parameters"][name]
@@ -96,7 +93,16 @@ def test_a_laws_nearest_parameters_explain_nearly_all_of_its_gap_in_the_twin(nam
         gap += rms(moved.speed - bench.ideal_speed(number, moved.states[0])) ** 2
         left += rms(moved.speed - twin) ** 2
     assert plan.truth["explained"] >= LEAST_EXPLAINED_SHARE
-    assert 0.95 <= 1 - left / gap < 1 - 1e-7
+    return 1 - left / gap
+
+
+@pytest.mark.parametrize("name", sorted(LAWS))
+def test_a_laws_nearest_parameters_explain_nearly_all_of_its_gap_in_the_twin(name):
+    """And hardly ever all of it: no candidate is exactly right.
+
+    In the middle of three cases: near capture, or where friction holds, free runs part by rounding.
+    """
+    assert 0.95 <= np.median([explained(name, seed) for seed in (1, 2, 3)]) < 1 - 1e-7
 
 
 @pytest.mark.parametrize("name", sorted(OUTSIDE))

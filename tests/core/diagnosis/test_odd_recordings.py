@@ -10,6 +10,8 @@ from recorded_machines import PERIOD, ROTOR, record
 
 from ldt_core.diagnosis import set_fits
 from ldt_core.diagnosis.diagnose import diagnose
+from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
+from ldt_core.diagnosis.next_experiment import _designs
 from ldt_core.effects import get_effect, parse_effect
 from ldt_core.physics.base import FreeRun, Work
 from ldt_core.physics.motor_driven import ROUND_PRICE, USUAL_ROUNDS
@@ -66,3 +68,13 @@ def test_without_a_voltage_a_step_is_solved_as_soon_as_with_one():
     ((_, states),) = MOTOR.model.simulate_all([run], 5e-3, 0.5e-3)
     assert np.abs(states[:, 1]).max() > 1.0
     assert work.steps < (ALONE + 4 * USUAL_ROUNDS * ROUND_PRICE) * volts.size
+
+
+@pytest.mark.parametrize("factor", [1.0, 1e3])
+def test_what_would_tell_causes_apart_moves_the_machine(factor):
+    """A design at rest, of a file in wrong units, was said to tell them apart by ∞ deviations."""
+    values = {**ROTOR.parameters, "J": factor * ROTOR.parameters["J"]}
+    slow = replace(ROTOR, parameters=values)
+    designs = _designs(FreeRunResiduals(slow, record(ROTOR)[:1], (0.1, 0.1)), 0)
+    assert len(designs) == (6 if factor == 1.0 else 5)
+    assert all(volts.any() for _, volts in designs)

@@ -1,4 +1,4 @@
-"""A drive that limits its current: the law, and its name where a controller asks for more."""
+"""What limits a motor's torque: the laws, and their names where a controller asks for more."""
 
 from __future__ import annotations
 
@@ -27,8 +27,22 @@ def test_the_current_stays_at_its_limit_and_the_torque_with_it():
     assert np.abs(np.diff(states[5:90, 1]) / PERIOD).max() <= 2 * values["K_t"] / values["J"]
 
 
-def closed_loop(seed: int, count: int) -> list[Experiment]:
-    """Experiments under a PI controller of the speed, whose drive cuts the current."""
+def test_a_weakened_field_turns_and_brakes_less():
+    """By K_t / (1 + (i / i_h)^2) in both equations of the motor, in steady running too."""
+    values, use = MOTOR.parameters, uses(["magnetic_saturation:current=4"])
+    start = MOTOR.model.initial_state(values, 0)
+    states = MOTOR.model.simulate(values, np.full(3000, 10.0), PERIOD, start, use)
+    (_, speed, current) = states[-1, :3]
+    constant = values["K_t"] / (1 + (current / 4) ** 2)
+    assert constant * current == pytest.approx(values["b"] * speed, rel=1e-3)
+    assert values["R"] * current + constant * speed == pytest.approx(10, rel=1e-4)
+
+
+def closed_loop(seed: int, count: int, limit: float, half: float) -> list[Experiment]:
+    """Experiments under a PI controller of the speed.
+
+    The drive cuts the current at a limit [A], or the constant has halved at a current [A].
+    """
     random = np.random.default_rng(seed)
     found = []
     for number in range(1, count + 1):
@@ -42,21 +56,28 @@ def closed_loop(seed: int, count: int) -> list[Experiment]:
             u[k] = np.clip(0.15 * error + total, -24, 24)
             total += 1.0 * error * STEP if abs(u[k]) < 24 else 0.0
             for _ in range(FINE):
-                back, most = TRUE["K_t"] * speed, TRUE["R"] * LIMIT
+                constant = TRUE["K_t"] / (1 + (current / half) ** 2)
+                back, most = constant * speed, TRUE["R"] * limit
                 terminals = min(max(u[k], back - most), back + most)
                 rise = (terminals - back - TRUE["R"] * current) / TRUE["L"]
-                speed += h * (TRUE["K_t"] * current - TRUE["b"] * speed) / TRUE["J"]
+                speed += h * (constant * current - TRUE["b"] * speed) / TRUE["J"]
                 current += h * rise
         found.append(Experiment(number, 10.0 * number, STEP, u, w))
     return found
 
 
 @pytest.mark.slow
-def test_a_limited_current_is_no_limited_voltage():
-    """That was the name, at 0.83 to 0.92, and left eleven times the noise."""
-    found = diagnose(motor_file(TRUE, SAMPLES, STEP), closed_loop(1, 4), workers=1)
-    assert found.verdict.acting == [["current_limit"]]
-    (effect,) = found.verdict.effects
-    limit = next(c for c in found.candidates if c.effect == effect).parameters["limit"]
-    assert limit.value == pytest.approx(LIMIT, rel=0.01)
+@pytest.mark.parametrize(
+    ("name", "parameter", "size", "laws"),
+    [
+        ("current_limit", "limit", LIMIT, (LIMIT, np.inf)),
+        ("magnetic_saturation", "current", 10.0, (np.inf, 10.0)),
+    ],
+)
+def test_a_limited_torque_is_no_limited_voltage(name, parameter, size, laws):
+    """That was the name of both, at 0.83 to 0.92, and left eleven times the noise."""
+    found = diagnose(motor_file(TRUE, SAMPLES, STEP), closed_loop(1, 4, *laws), workers=1)
+    assert found.verdict.acting == [[name]]
+    amounts = next(c for c in found.candidates if c.effect == name).parameters
+    assert amounts[parameter].value == pytest.approx(size, rel=0.01)
     assert found.gap.after.rmse < 1.1 * NOISE
