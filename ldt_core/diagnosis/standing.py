@@ -64,8 +64,9 @@ def objection(
         moved = power - noise**2
         # Where nothing moves beyond noise, nothing could fail: no cause has been put to the test.
         if moved <= 0 or left > THRESHOLDS.unexplained_of_signal * moved:
-            return f"it leaves {after.rmse:.3g} rad/s, hardly better than {name} ({power**0.5:.3g})"
-    gap = max(before.rmse**2 - noise**2, 0.0)
+            return f"it leaves {after.rmse:.3g} rad/s, where {name} leaves {power**0.5:.3g}"
+    # A gap may be larger than all that moves: that of a file of another machine, for one.
+    gap = min(max(before.rmse**2 - noise**2, 0.0), moved)
     linear = _linear(machine, fitted, held)
     if linear is not None and not left < THRESHOLDS.trifle_of_gap * gap:
         power = errors(held, linear).rmse ** 2

@@ -126,10 +126,10 @@ class Thresholds:
         "Beyond, it is a finding: 1 in 370 by chance.",
     )
     unexplained_of_signal: float = _limit(
-        0.5,
+        0.1,
         "power of the signal",
         CHOSEN,
-        "A set that leaves half of the motion explains no motion.",
+        "A coefficient of determination of 0.9: a law that leaves more is not the machine's.",
     )
     behind_linear_model: float = _limit(
         4.0, "power that a linear model leaves", CHOSEN, "Twice its error: it knows less physics."

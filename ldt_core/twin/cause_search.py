@@ -16,9 +16,9 @@ from ldt_core.twin.stage import Archive
 from ldt_core.twin.version_errors import explains, gains
 
 #: Integration steps of a search (`physics.base.Work`) at one experiment, of some 80 ns each on one
-#: processor. A first search that finds two causes in 2000 samples takes 10 to 15 million; with some
-#: room that is about a second, and more an answer should not take.
-STEPS = 16_000_000
+#: processor. A first search that finds two causes in 2000 samples takes 11 to 16 million; with some
+#: room that is a second and a half, and more an answer should not take.
+STEPS = 18_000_000
 
 
 @dataclass(frozen=True, eq=False)

@@ -79,4 +79,4 @@ def test_one_constant_speed_names_no_cause(noise):
     ]
     found = diagnose(MOTOR, given, effects=TRIED, workers=1)
     assert found.verdict.kind == "unknown"
-    assert "hardly better than a constant speed" in found.verdict.sentence
+    assert "where a constant speed leaves" in found.verdict.sentence
