@@ -1,11 +1,16 @@
-"""The conditions that a machine was in, as a Markov chain: which one may come next."""
+"""The conditions that a machine was in, as a Markov chain: which one may come next.
+
+How many of the last conditions tell the next one is the order of the chain. It is the one by which
+what has come was predicted best, each time from what was before (J. Rissanen, "A universal data
+compression system", IEEE Transactions on Information Theory 29, 1983). So a machine that makes two
+pieces of one kind and two of another is foreseen as one that makes them by turns is.
+"""
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections import deque
-from collections.abc import Iterable, Mapping
+from collections import Counter, defaultdict, deque
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from ldt_core.base.experiment import Experiment
@@ -18,6 +23,10 @@ REMEMBERED = 100
 #: Experiments that a condition is taken to have lasted before any were counted: one that has been
 #: left once is still more likely to last than not.
 LASTED = 3.0
+#: Last conditions that may tell the next one: blocks of up to so many are foreseen.
+MOST_ORDER = 6
+#: Of a condition that never followed, beside the counts of those that did (Krichevsky, Trofimov).
+UNSEEN = 0.5
 UNLEARNED = 0  # the condition that the model explains which has learned nothing
 
 
@@ -75,12 +84,16 @@ class ConditionChain:
         is taken to stay less surely than counted, by one standard deviation (beta distribution):
         who follows a machine that goes back and forth should know that it pays. The benefit of the
         doubt is the original's.
+
+        Args:
+            condition: of the experiment behind those that were seen.
         """
-        counts = {condition: LASTED}
-        for before, after in itertools.pairwise(self.path):
-            if before == condition:
-                known = condition if after is None else after
-                counts[known] = counts.get(known, 0.0) + 1.0
+        seen, order = _seen(self.path)
+        last = [*self.path, condition]
+        counts: dict[int, float] = {condition: LASTED}
+        for came, count in _behind(seen, last, order).items():
+            known = condition if came is None else came
+            counts[known] = counts.get(known, 0.0) + count
         total = sum(counts.values())
         stays, left = counts[condition] / total, 1 - counts[condition] / total
         doubt = math.sqrt(stays * left / (total + 1)) if condition != UNLEARNED else 0.0
@@ -128,3 +141,36 @@ class ConditionChain:
         path = [None if c is None else int(c) for c in state["path"]]
         shown = {int(c): archive.experiment(number, start) for c, number, start in state["shown"]}
         self.path, self.shown = deque(path, REMEMBERED), shown
+
+
+#: The last conditions to how often which one came behind them.
+_Seen = dict[tuple[int | None, ...], Counter[int | None]]
+
+
+def _seen(path: Iterable[int | None]) -> tuple[_Seen, int]:
+    """What came behind up to `MOST_ORDER` conditions, and the order that predicted it best.
+
+    A higher order costs a bit.
+    """
+    conditions = list(path)
+    kinds = len({*conditions, None})
+    seen: _Seen = defaultdict(Counter)
+    bits = {order: float(order) for order in range(1, MOST_ORDER + 1)}
+    for end in range(1, len(conditions)):
+        before, came = conditions[max(end - MOST_ORDER, 0) : end], conditions[end]
+        stayed = LASTED * (came in (before[-1], None))
+        for order in bits:
+            counts = _behind(seen, before, order)
+            likely = counts[came] + UNSEEN + stayed
+            bits[order] -= math.log2(likely / (counts.total() + UNSEEN * kinds + LASTED))
+        for count in range(1, len(before) + 1):
+            seen[tuple(before[-count:])][came] += 1
+    return seen, min(bits, key=lambda order: bits[order])
+
+
+def _behind(seen: _Seen, last: Sequence[int | None], order: int) -> Counter[int | None]:
+    """What came behind the last conditions, `order` of them or as many as came before."""
+    for count in range(min(order, len(last)), 0, -1):
+        if found := seen.get(tuple(last[-count:])):
+            return found
+    return Counter()

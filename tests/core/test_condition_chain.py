@@ -42,9 +42,29 @@ def test_who_follows_a_coin_should_know_that_it_pays():
 
 def test_the_benefit_of_the_doubt_is_the_originals():
     """Of two conditions alike, that of the original is taken to last longer."""
-    path = [0, 0, 0, 1, 1, 1, 0, 0, 0, 1, 1, 1, 0, 0, 0, 1, 1, 1, 0]
-    chain = chain_of(path)
+    lengths = 1, 4, 4, 1, 2, 5, 5, 2, 1  # of stays in the one and the other by turns
+    chain = chain_of([i % 2 for i, length in enumerate(lengths) for _ in range(length)])
     assert chain.following(0)[0] > chain.following(1)[1] + 0.1
+
+
+@pytest.mark.parametrize(
+    "turns", [[1, 2], [1, 1, 2], [1, 1, 2, 2], [0, 0, 1, 1], [1, 2, 3], [1] * 5 + [2] * 5]
+)
+def test_turns_are_foreseen_of_whatever_length(turns):
+    """From the fifth on; each time what comes is the likeliest."""
+    path = turns * 10
+    for number in range(5 * len(turns), len(path) - 1):
+        following = chain_of(path[:number]).following(path[number])
+        assert max(following, key=following.get) == path[number + 1]
+
+
+def test_a_coin_has_no_turns():
+    """What came by chance tells nothing of what will: the shortest memory is the best."""
+    random = np.random.default_rng(0)
+    for _ in range(20):
+        path = random.integers(0, 2, 60).tolist()
+        following = chain_of(path).following(path[-1])
+        assert max(following.values()) < 0.8
 
 
 def test_what_no_version_explains_is_nothing_to_expect():

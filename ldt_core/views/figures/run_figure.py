@@ -209,6 +209,7 @@ def _errors(axes: Axes, steps: list[StepView]) -> None:
         axes.axvline(n + 0.5, color=style.GREY, lw=0.8, zorder=0, label=label)
     _states(axes, [signal for _, signal in judged])
     axes.set_xlabel("experiment")
+    axes.locator_params("x", integer=True)
     axes.set_ylabel("max error [rad/s]")
     axes.set_ylim(0, axes.get_ylim()[1] / (1 - STRIP))
     # Above the axes: small runs have points wherever a legend could lie.

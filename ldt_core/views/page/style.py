@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import io
 import math
+import os
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
-from ldt_core.base.errors import LdtError
+from ldt_core.base.errors import LdtError, OptionError
 from ldt_core.base.result_files import check_target, whole
 
 if TYPE_CHECKING:
@@ -173,9 +174,13 @@ def require(who: str = "a study") -> None:
 
     Raises:
         LdtError: matplotlib is not installed.
+        OptionError: MPLBACKEND names no backend.
     """
     try:
         import matplotlib  # noqa: F401
+    except ValueError:
+        expected = "the name of a matplotlib backend, or nothing"
+        raise OptionError("MPLBACKEND", expected, repr(os.environ.get("MPLBACKEND"))) from None
     except ImportError as error:
         raise LdtError(
             f"{who} draws with matplotlib, which is not installed: pip install 'ldt[plot]'"
@@ -258,6 +263,7 @@ def save(drawing: Drawing, folder: Path) -> list[Path]:
     files = [folder / f"{drawing.name}.png", folder / f"{drawing.name}.svg"]
     figure = drawn(drawing, WIDE)
     with matplotlib.rc_context({**RC, "svg.hashsalt": drawing.name}):
+        _lay_out(figure, PNG_DPI)
         with whole(files[0], ".png") as part:
             figure.savefig(part, dpi=PNG_DPI, facecolor="white")
         with whole(files[1], ".svg") as part:
@@ -297,12 +303,13 @@ def save_picture(figure: Figure, file: str | Path) -> None:
     path = Path(file)
     salted = matplotlib.rc_context({**RC, "svg.hashsalt": path.name})
     with whole(path, path.suffix) as part, salted:
+        _lay_out(figure, PNG_DPI)
         figure.savefig(part, dpi=PNG_DPI, facecolor="white", metadata=metadata)
 
 
-def _lay_out(figure: Figure) -> None:
+def _lay_out(figure: Figure, dpi: float) -> None:
     """Place the axes once: `savefig` would do so twice, and draw all of it twice for that."""
-    figure.set_dpi(SVG_DPI)
+    figure.set_dpi(dpi)
     engine = figure.get_layout_engine()
     if engine is not None:
         engine.execute(figure)
@@ -320,7 +327,7 @@ def inline_svg(drawing: Drawing, layout: Layout) -> str:
     file = io.StringIO()
     own = f"{drawing.name}-{layout.name}"
     with matplotlib.rc_context({**RC, "svg.hashsalt": own}):
-        _lay_out(figure)
+        _lay_out(figure, SVG_DPI)
         figure.savefig(file, format="svg", transparent=True, metadata={"Date": None})
     svg = file.getvalue()
     svg = svg[svg.index("<svg") :]
