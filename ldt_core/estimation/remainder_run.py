@@ -85,6 +85,11 @@ class RemainderShape:
             span,
         )
 
+    def knows(self, speed: Array) -> bool:
+        """Whether speeds (L,) stay where there are nodes [rad/s]."""
+        high = self.speed.low + self.speed.step * (self.speed.nodes - 1)
+        return bool(self.speed.low <= speed.min() and speed.max() <= high)
+
     def priors(self) -> list[tuple[slice, Array]]:
         """Which weights each prior is about, and the matrix that its precision multiplies."""
         found: list[tuple[slice, Array]] = []

@@ -58,6 +58,8 @@ class RemainderModel(Model):
         """Free run from the first measured speed (and current, where there is one).
 
         `speed_std` is the noise, and what the least known directions make of it; None untrained.
+        A run that leaves the speeds that it was learned from by more than a quarter of their range
+        is the physics' alone, as uncertain as the two are apart.
 
         Raises:
             LdtError: the simulated speed grows without bound.
@@ -70,6 +72,9 @@ class RemainderModel(Model):
         run = self._drive(experiment, known)
         speed, _ = free_run(learned.shape, learned.weights, run)
         variance = np.full(speed.size, learned.noise_std**2)
+        if not learned.shape.knows(speed):  # it has left all that it was learned from
+            alone = self.base.predict(experiment).speed
+            return Prediction(*about, alone, np.sqrt(variance + (speed + known - alone) ** 2))
         for direction in learned.directions:
             other, _ = free_run(learned.shape, learned.weights + direction, run)
             variance += (other - speed) ** 2

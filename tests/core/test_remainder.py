@@ -87,6 +87,16 @@ def test_where_nothing_is_lacking_nothing_is_learned():
     assert learned.predict(other).max_error(other) < 1.3 * physics
 
 
+def test_a_run_that_leaves_all_that_was_learned_from_is_the_physics_alone():
+    """Of a shaft with a spring one ran away to twice the speed that the voltage gives."""
+    learned = RemainderModel(MOTOR).fit([driven(curve, 1)])
+    fast = driven(curve, 2)
+    fast = dataclasses.replace(fast, voltage=2 * fast.voltage, speed=2 * fast.speed)
+    seen, physics = learned.predict(fast), RemainderModel(MOTOR).predict(fast)
+    assert np.array_equal(seen.speed, physics.speed)
+    assert seen.speed_std.max() > 5 * learned.learned.noise_std
+
+
 def test_it_claims_not_to_know_where_it_has_not_been():
     """Beyond the speeds that it has learned from."""
     first = driven(curve, 1)
