@@ -52,7 +52,8 @@ class Adequacy(Detector):
     In the state `inadequate` learning is tried again, positive, after 1, 2, 4, 8 ... experiments,
     and at once where the residuals are no longer like those since the first trial, or `NEWS` times
     as large as any that learning was tried on. So it is in the state `learning`, where the residual
-    is no noise. Nothing is learned as usual from experiments that the model has not explained.
+    is no noise; once learning has not helped there, the experiments between are `inadequate`.
+    Nothing is learned as usual from experiments that the model has not explained.
 
     A change of the machine is one of p(speed | voltage): it shows against what was seen of the same
     voltage before, and nowhere else. So a failure is `changed` only if the model also fails where
@@ -139,6 +140,8 @@ class Adequacy(Detector):
         self.unexplained, self.misfit = 0.0, 0.0
         #: How often learning was tried without success, experiments to wait before the next trial.
         self.trials, self.wait = 0, 0
+        #: Whether it was in the state `learning`, where more of it is put off.
+        self.in_vain = False
         #: Logarithms of the relative errors since the first trial, and the e-detector of change.
         self.errors: list[float] = []
         self.change = 0.0
@@ -157,6 +160,8 @@ class Adequacy(Detector):
             self.trials += 1
             self.wait = 2 ** (self.trials - 1)
             self.unexplained, self.misfit, self.change = 0.0, 0.0, 0.0
+        else:
+            self.in_vain = True
         self.signal = Level.NEGATIVE  # said and dealt with: `update` must not start anew
 
     def judge(self, residual: Samples, deviation: Samples | None) -> Level:
@@ -253,7 +258,10 @@ class Adequacy(Detector):
         self.pause -= 1
         if self.pause > 0 and plain.ratio < NEWS * self.heard:
             self.unexplained = 0.0  # heard and put off: one that is explained is no occasion
-            return Level.NEGATIVE
+            if not self.in_vain:
+                return Level.NEGATIVE
+            self.model_state = "inadequate"
+            return Level.WARNING
         self.pause, self.heard = 2**self.lessons, plain.ratio
         self.lessons += 1
         return Level.POSITIVE

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any, Self
 
 import numpy as np
@@ -37,6 +38,10 @@ EVEN, ROUNDED = 0.5, 1e-9
 ALIKE = 2 * math.log(20.0)
 #: Noise [rad/s] as a part of the speed's root mean square, at least: the simulation's own error.
 NOISE_FLOOR = 1e-4
+
+
+#: Times the precision of the file's tolerances, where they are not trusted: ten deviations are one.
+LOOSE = 1e-2
 
 
 class GreyBoxModel(Model):
@@ -200,6 +205,19 @@ class GreyBoxModel(Model):
         if not found.explains:
             return None
         return self.adopt((yield from search.pruned(found)), experiments)
+
+    def loosened(self, experiments: Sequence[Experiment]) -> Pausable[Self]:
+        """The same effects, and the machine's parameters as if hardly anything were known of them.
+
+        What no law explains, they may imitate.
+
+        Raises:
+            LdtError: no or too few samples.
+        """
+        search = self.search_on(experiments)
+        file = self.present.prior
+        present = replace(self.present, prior=Prior(file.mean, LOOSE * file.precision))
+        return self.adopt((yield from search.fitted(present, self.effects)), experiments)
 
     def _fitted(
         self, search: StructureSearch, known: Prior, sized: bool

@@ -159,6 +159,14 @@ class Candidates:
             self._searched = asked, (yield from start.with_other_causes(pool, cores()))
         return self._searched[1]
 
+    def loosened(self, start: Model, pool: Sequence[Experiment]) -> Pausable[list[GreyBoxModel]]:
+        """The known causes, with the machine's parameters beyond their tolerances."""
+        found = []
+        if isinstance(start, GreyBoxModel):
+            with suppress(*UNLEARNABLE):
+                found.append((yield from start.loosened(pool)))
+        return found
+
     def flexible(
         self, start: Model, pool: Sequence[Experiment], causes: Sequence[GreyBoxModel] | None = None
     ) -> list[Model]:

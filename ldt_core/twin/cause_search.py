@@ -19,6 +19,8 @@ from ldt_core.twin.version_errors import explains, gains
 #: processor. A first search that finds two causes in 2000 samples takes 11 to 16 million; with some
 #: room that is a second and a half, and more an answer should not take.
 STEPS = 18_000_000
+#: The same of a search for causes altogether: other models wait for its end.
+MOST_STEPS = 3 * STEPS
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,7 +149,8 @@ class CauseSearch:
                 return
         start, pool = self.question.start, self.question.pool  # not known at the beginning
         self.models = self._candidates.flexible(start, pool)
-        causes = yield from self._candidates.structures(start, pool)
+        self.models += yield from self._candidates.loosened(start, pool)
+        causes = (yield from within(self._candidates.structures(start, pool), MOST_STEPS)) or []
         self.models += [*causes, *self._candidates.flexible(start, pool, causes)]
 
     def _caused(self) -> Pausable[tuple[GreyBoxModel, str] | None]:
@@ -166,7 +169,7 @@ class CauseSearch:
             # Of one machine, as the excitation alone is another: another cause may explain all.
             best = (yield from within(self._searched(pool), STEPS // 2)) or alone
         elif best is None:
-            best = yield from self._searched([experiment])
+            best = yield from within(self._searched([experiment]), MOST_STEPS)
         if best is None:
             return None
         return best, "estimates its causes anew" if best is alone else "has a new cause"
