@@ -168,6 +168,8 @@ def picture(found: Mapping[str, Any], folder: Path) -> None:
 
 def main(*folders: str) -> int:
     """Write tables, picture and what they were made from."""
+    if not folders:
+        raise SystemExit(f"expected the folder of a score, got none; {__doc__}")
     found = kept([Path(f) for f in folders])
     rows = ",\n".join(json.dumps(c, sort_keys=True) for c in found.pop("cases"))
     head = json.dumps(found)[:-1]

@@ -20,7 +20,8 @@ import numpy as np
 from ldt_core.base.experiment import Experiment
 from ldt_core.base.settings import resolve
 from ldt_core.calibration.calibrate import calibrate
-from ldt_core.calibration.identify import identify_machine, widened
+from ldt_core.calibration.calibration import padded_range
+from ldt_core.calibration.identify import identify_machine
 from ldt_core.calibration.torque_balance import SPANS, Balance, balance, fitting, machine_of
 from ldt_core.diagnosis.diagnose import diagnose
 from ldt_core.diagnosis.diagnosis import Diagnosis, read_effects
@@ -139,7 +140,7 @@ def unbalanced_disk(folder: Path) -> Iterator[Row]:
         pieces(t["voltage_V"], t["speed_rad_s"], 0.025, len(t)) for t in (first, second)
     )
     found = fitting(shown)
-    limits = widened(float(first["voltage_V"].min()), float(first["voltage_V"].max()))
+    limits = padded_range(float(first["voltage_V"].min()), float(first["voltage_V"].max()))
     alone = machine_of(balance(shown, ()), "disk", shown, limits)
     whole = machine_of(found or balance(shown, ()), "disk", shown, limits)
     errors = (error(m, further) for m in (alone, whole))
@@ -186,8 +187,10 @@ TABLES = {
 }
 
 
-def main(data: str, *given: str) -> None:
+def main(data: str = "", *given: str) -> None:
     """Measure and print the tables as Markdown, and keep them if asked to."""
+    if not Path(data).is_dir() or not data:
+        sys.exit(f"DATA: expected the folder of the measured records, got {data!r}; {__doc__}")
     names = [name for name in given if name != "--keep"]
     for name in names or TABLES:
         command = f"python -m tests.real_records DATA {name}"

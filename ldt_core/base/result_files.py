@@ -109,7 +109,7 @@ def whole(path: Path, ending: str = "") -> Iterator[Path]:
             part.unlink(missing_ok=True)
 
 
-def digest(place: Path) -> str:
+def file_digest(place: Path) -> str:
     """SHA-256 of all bytes of a file, or of the files in a folder and of their names.
 
     Where there is nothing, it is that of nothing.

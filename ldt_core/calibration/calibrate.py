@@ -28,7 +28,7 @@ from ldt_core.calibration.calibration import (
     rounded,
 )
 from ldt_core.calibration.coordinates import Coordinate, Coordinates
-from ldt_core.calibration.held_out import split
+from ldt_core.calibration.held_out import split_evenly
 from ldt_core.calibration.identifiability import (
     MOST_ERROR,
     NORMAL_95,
@@ -108,7 +108,7 @@ def calibrate(
     if words := wrong_current(machine, experiments):
         expected = "the motor's (check its unit and sign, and R in the machine file)"
         raise ExperimentError("the recording, current", expected, words)
-    kept, held_out = split(experiments, holdout)
+    kept, held_out = split_evenly(experiments, holdout)
     with threadpool_limits(1):  # sums in one order: the same numbers on every run
         taken = [own_name(e.name, p.name) for e, _ in acting for p in e.parameters]
         work = _Work(before, machine, kept, list(free), list(fixed), taken, tick)

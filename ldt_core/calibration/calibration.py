@@ -180,7 +180,7 @@ def rounded(value: float) -> float:
     return float(f"{value:.{DIGITS}g}")
 
 
-def widened(low: float, high: float) -> tuple[float, float]:
+def padded_range(low: float, high: float) -> tuple[float, float]:
     """The recorded range and 0 V, widened, to one digit behind that of the width."""
     low, high = min(low, 0.0), max(high, 0.0)
     wider = LIMIT_MARGIN * (high - low)

@@ -12,7 +12,7 @@ HOLDOUT = 0.25  # share of the experiments to judge by, unless said otherwise
 LEAST_TO_HOLD_OUT = 4  # experiments; fewer are all needed for the fit
 
 
-def split(
+def split_evenly(
     experiments: Sequence[Experiment], holdout: float | None
 ) -> tuple[list[Experiment], list[Experiment]]:
     """Experiments to fit, and those held out: every so many-th, so that both cover all."""

@@ -29,12 +29,12 @@ from ldt_core.calibration.calibration import (
     Posterior,
     free_run_error,
     limits_note,
+    padded_range,
     rounded,
-    widened,
 )
 from ldt_core.calibration.equivalent_motor import MotorResponse, fit_response
 from ldt_core.calibration.equivalent_posterior import equivalent_posterior
-from ldt_core.calibration.held_out import split
+from ldt_core.calibration.held_out import split_evenly
 from ldt_core.calibration.torque_balance import RESISTANCE, guidance
 from ldt_core.estimation.linear import Identified, identify
 from ldt_core.estimation.noise import white_noise
@@ -154,7 +154,7 @@ def identify_machine(
         raise OptionError("--order", "1 or 2, or 0 to choose", repr(order))
     if limits is not None and not (-math.inf < limits[0] < limits[1] < math.inf):
         raise OptionError("--limits", "LOWEST,HIGHEST in V", f"{limits[0]:g},{limits[1]:g}")
-    kept, held_out = split(experiments, holdout)
+    kept, held_out = split_evenly(experiments, holdout)
     tick("identifying a linear model")
     try:
         linear = identify(kept)
@@ -259,7 +259,7 @@ def _machine(
         name=name,
         physics=PHYSICS,
         parameters={n: rounded(v) for n, v in parameters.items()},
-        voltage_limits=limits or widened(low, high),
+        voltage_limits=limits or padded_range(low, high),
         duration=rounded(samples * period),
         sample_period=rounded(period),
         simulation={

@@ -19,7 +19,7 @@ from ldt_core.base.arrays import Array
 from ldt_core.base.errors import BadInput, LdtError, OptionError, did_you_mean
 from ldt_core.base.experiment import Experiment, rms
 from ldt_core.base.sentences import listed
-from ldt_core.calibration.calibration import rounded, widened
+from ldt_core.calibration.calibration import padded_range, rounded
 from ldt_core.effects import get_effect
 from ldt_core.estimation.linear.identification import (
     LEAST_F,
@@ -181,7 +181,7 @@ def balanced_machine(
         raise LdtError(f"the recording cannot determine {what}: {CHANCE}")
     low = min(float(e.voltage.min()) for e in experiments)
     high = max(float(e.voltage.max()) for e in experiments)
-    return machine_of(found, name, experiments, limits or widened(low, high))
+    return machine_of(found, name, experiments, limits or padded_range(low, high))
 
 
 def _over_the_best_span(experiments: Sequence[Experiment], effects: Sequence[str]) -> Balance:

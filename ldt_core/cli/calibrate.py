@@ -76,7 +76,7 @@ def command(
     """
     from ldt_core.calibration import calibrate
     from ldt_core.calibration.calibrate import check_names
-    from ldt_core.calibration.held_out import split
+    from ldt_core.calibration.held_out import split_evenly
     from ldt_core.calibration.machine_yaml import write_machine_file
     from ldt_core.cli.recordings import read_recordings
     from ldt_core.machine.machine_file import load_machine
@@ -108,7 +108,7 @@ def command(
         ).with_recordings(recordings)
     write_machine_file(found, out, force)
     if figure:
-        kept, held_out = split(experiments, holdout)
+        kept, held_out = split_evenly(experiments, holdout)
         draw_calibration(found, held_out or kept, figure)
     if as_json:
         record = {"machine": machine.name, "out": out, **found.as_dict()}

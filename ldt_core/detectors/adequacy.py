@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ldt_core.base.errors import OptionError
 from ldt_core.base.experiment import Experiment, Level, Samples, Signal
 from ldt_core.detectors.base import Detector, declared
-from ldt_core.detectors.excited_range import Hull, hull, inside, is_hull, joined, within
+from ldt_core.detectors.excited_range import Hull, hull, inside, is_hull, joined, samples_within
 from ldt_core.estimation.misfit import MOST_LOG, STRETCH, Misfit, Setting, misfit, setting
 from ldt_core.estimation.noise import sensor_step
 
@@ -270,7 +270,7 @@ class Adequacy(Detector):
         self, tried: Hull, residual: Samples, deviation: Samples | None, voltage: Samples
     ) -> bool:
         """Whether the model does not explain what lies within a range either."""
-        known = within(voltage, tried)
+        known = samples_within(voltage, tried)
         if known.all():
             return True
         if np.count_nonzero(known) < STRETCH:
@@ -287,7 +287,7 @@ class Adequacy(Detector):
 
     def _inadequate(self, residual: Samples, deviation: Samples | None, voltage: Samples) -> Level:
         self.wait -= 1
-        known = within(voltage, self.seen)
+        known = samples_within(voltage, self.seen)
         if np.count_nonzero(known) < min(STRETCH, residual.size):
             self.model_state = "new_range"
             return Level.NEGATIVE

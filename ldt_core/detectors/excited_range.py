@@ -53,7 +53,7 @@ def inside(one: Hull, other: Hull) -> bool:
     return not ((one[0] < low - slack) | (one[1] > high + slack)).any()
 
 
-def within(voltage: Array, range_: Hull) -> NDArray[np.bool_]:
+def samples_within(voltage: Array, range_: Hull) -> NDArray[np.bool_]:
     """(L,) samples of a voltage (L,) [V] inside a hull; all inside an empty one."""
     if not range_:
         return np.ones(voltage.size, dtype=bool)

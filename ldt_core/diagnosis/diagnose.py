@@ -12,7 +12,7 @@ from ldt_core.diagnosis.candidate import Candidate
 from ldt_core.diagnosis.diagnosis import Diagnosis
 from ldt_core.diagnosis.effect_set_search import EffectSetSearch
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
-from ldt_core.diagnosis.holdout import HOLDOUT, split, without_fragments
+from ldt_core.diagnosis.holdout import HOLDOUT, split_at_random, without_fragments
 from ldt_core.diagnosis.isolability import isolability
 from ldt_core.diagnosis.library import library
 from ldt_core.diagnosis.nominal_prior import known_colour, nominal_prior
@@ -64,7 +64,7 @@ def diagnose(
     beside = "; ".join(filter(None, [repeated, short, odd]))
     only = len(trusted) < THRESHOLDS.trusted_experiments
     experiments = trusted if fault and not only else experiments
-    fitted, held = split(experiments, holdout, seed)
+    fitted, held = split_at_random(experiments, holdout, seed)
     most = max(float(np.abs(e.voltage).max()) for e in fitted)
     if most < NO_VOLTAGE * max(map(abs, machine.voltage_limits)):
         most = 1.0

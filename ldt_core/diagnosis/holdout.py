@@ -38,7 +38,7 @@ def without_fragments(experiments: Sequence[Experiment]) -> tuple[list[Experimen
     return whole, note
 
 
-def split(
+def split_at_random(
     experiments: Sequence[Experiment], holdout: float, seed: int
 ) -> tuple[list[Experiment], list[Experiment]]:
     """(to fit, held out); a few experiments are cut into parts first.

@@ -17,7 +17,7 @@ from ldt_core.machine.machine_file import Machine
 from ldt_core.models.base import Model
 from ldt_core.models.gaussian_process.learn import LearnedAcceleration, learn, persistence
 from ldt_core.models.gaussian_process.sparse import Kernel, SparsePosterior
-from ldt_core.models.gaussian_process.speed_run import INPUTS, compile_run, spread
+from ldt_core.models.gaussian_process.speed_run import INPUTS, compile_run, speed_variances
 from ldt_core.models.grey_box import GreyBoxModel
 from ldt_core.models.physics import PhysicsModel
 from ldt_core.physics.base import CURRENT
@@ -115,7 +115,7 @@ class HybridModel(Model):
         if self.learned is not None:
             known = self.learned
             rho = persistence(known.memory, experiment.period)
-            function, first, drift = spread(ad, gd, slopes, deviation, rho)
+            function, first, drift = speed_variances(ad, gd, slopes, deviation, rho)
             variance = function + known.noise_std**2 * (1 + first)
             variance += known.disturbance_std**2 * drift
             std = np.sqrt(np.minimum(variance, known.span**2))

@@ -36,11 +36,11 @@ def model_text(record: ModelRecord) -> str:
         "parameters": dict(record.parameters),
     }
     # The digest is of what a reader of the text gets, tuples as lists and names as texts.
-    data[DIGEST] = digest(json.loads(json.dumps(data, allow_nan=False)))
+    data[DIGEST] = model_digest(json.loads(json.dumps(data, allow_nan=False)))
     return json.dumps(data, allow_nan=False)
 
 
-def digest(content: dict[str, Any]) -> str:
+def model_digest(content: dict[str, Any]) -> str:
     """`sha256:` and the hexadecimal SHA-256 of the canonical JSON of a model without its digest.
 
     Canonical: names sorted, no blanks, ASCII, the shortest digits that give a float back.
@@ -86,7 +86,7 @@ def _check_digest(where: str, data: dict[str, Any]) -> None:
     if DIGEST not in data:
         return
     try:
-        given, right = data[DIGEST], digest(data)
+        given, right = data[DIGEST], model_digest(data)
     except RecursionError as error:
         raise ModelError(where, "a model record in JSON", error) from None
     if given != right:

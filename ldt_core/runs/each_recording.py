@@ -18,7 +18,7 @@ from typing import Any
 from ldt_core.base.code_version import code_version
 from ldt_core.base.errors import BadInput, LdtError
 from ldt_core.base.parallel import Workers
-from ldt_core.base.result_files import digest, keep, recall
+from ldt_core.base.result_files import file_digest, keep, recall
 from ldt_core.machine.machine_file import Machine
 from ldt_core.views.diagnosis_page.diagnosis_page import JSON, PAGE, as_json
 
@@ -199,7 +199,7 @@ def _origin(recording: str, machine: Machine, options: Options) -> dict[str, Any
     about = {
         **code_version(),
         "recording": os.path.abspath(recording),
-        "content": [digest(Path(p)) for p in (recording, *files)],
+        "content": [file_digest(Path(p)) for p in (recording, *files)],
         "machine": hashlib.sha256(repr(vars(machine)).encode()).hexdigest(),
         "options": asdict(options),
     }

@@ -13,7 +13,7 @@ from ldt_core.diagnosis.candidate import Candidate
 from ldt_core.diagnosis.diagnose import diagnose
 from ldt_core.diagnosis.effect_fit import fit
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
-from ldt_core.diagnosis.holdout import HOLDOUT, split
+from ldt_core.diagnosis.holdout import HOLDOUT, split_at_random
 from ldt_core.diagnosis.library import library
 from ldt_core.diagnosis.thresholds import THRESHOLDS
 from ldt_core.effects import parse_effect
@@ -42,7 +42,7 @@ def run() -> Iterator[Row]:
     begin = time.perf_counter()
     found = diagnose(machine, recorded, effects=effects)
     ours = time.perf_counter() - begin
-    fitted, _ = split(recorded, HOLDOUT, 0)
+    fitted, _ = split_at_random(recorded, HOLDOUT, 0)
     most = most_of(machine.parameters, max(float(np.abs(e.voltage).max()) for e in fitted))
     candidates = [Candidate(e, most) for e in effects]
     bench = FreeRunResiduals(

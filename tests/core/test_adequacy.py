@@ -11,7 +11,7 @@ from scipy.signal import lfilter
 from ldt_core.base.errors import OptionError
 from ldt_core.base.experiment import Level
 from ldt_core.detectors.adequacy import Adequacy
-from ldt_core.detectors.excited_range import AFTER, hull, within
+from ldt_core.detectors.excited_range import AFTER, hull, samples_within
 from ldt_core.estimation.misfit import misfit, noise_in, setting
 
 EVERY = 100
@@ -336,7 +336,7 @@ def test_what_follows_a_voltage_outside_the_range_is_outside_too(length):
     voltage = np.zeros(length)
     voltage[[length // 3, length // 2]] = 5.0
     memory = 300  # samples after a pulse in which the running mean differs most
-    known = within(voltage, hull(np.linspace(-1.0, 1.0, 1000)))
+    known = samples_within(voltage, hull(np.linspace(-1.0, 1.0, 1000)))
     wide = max(1, round(AFTER * length))
     assert known[: length // 3].all()
     assert not known[length // 3 : length // 3 + wide].any()

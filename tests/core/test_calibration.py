@@ -11,7 +11,7 @@ import pytest
 from ldt_core.base.errors import ExperimentError, LdtError, OptionError
 from ldt_core.base.experiment import Experiment
 from ldt_core.calibration import calibrate
-from ldt_core.calibration.held_out import split
+from ldt_core.calibration.held_out import split_evenly
 from ldt_core.calibration.identifiability import examine, product, uncertainty
 from ldt_core.calibration.machine_yaml import machine_text
 from ldt_core.machine.machine_file import load_machine, parse_machine
@@ -217,10 +217,10 @@ def test_wrong_options_get_a_sentence(options, expected):
 def test_held_out_experiments_cover_the_recording():
     """A quarter of 12: three, spread, and nobody is in both parts."""
     experiments = measured(TRUE, 12, samples=20)
-    kept, held = split(experiments, None)
+    kept, held = split_evenly(experiments, None)
     assert [e.number for e in held] == [3, 7, 11]
     assert sorted(e.number for e in kept + held) == list(range(1, 13))
-    assert split(experiments[:3], None)[1] == []
+    assert split_evenly(experiments[:3], None)[1] == []
 
 
 def test_the_same_recording_gives_the_same_bits():

@@ -24,7 +24,7 @@ from ldt_core.models.gaussian_process.sparse import (
     fit_hyperparameters,
     minus_log_likelihood,
 )
-from ldt_core.models.gaussian_process.speed_run import compile_run, spread, tabulate
+from ldt_core.models.gaussian_process.speed_run import compile_run, speed_variances, tabulate
 
 # A motor with a mechanical time constant of 0.2 s, sampled at 100 Hz.
 AD = np.array([[0.003, -0.28], [0.019, 0.95]])
@@ -251,7 +251,7 @@ def test_the_carried_spread_is_that_of_sampled_runs():
     rng = np.random.default_rng(10)
     samples, runs, rho = 60, 4000, 0.9
     slopes = np.column_stack([np.full(samples, -0.5), np.full(samples, -3.0)])
-    function, start, drift = spread(AD, GD, slopes, np.ones(samples), rho)
+    function, start, drift = speed_variances(AD, GD, slopes, np.ones(samples), rho)
     jacobian = AD + np.outer(GD, [-0.5, -3.0])
     state, d = np.zeros((2, runs)), rng.standard_normal(runs)
     wrong = np.zeros(2)
@@ -270,7 +270,7 @@ def test_the_carried_spread_is_that_of_sampled_runs():
 def test_an_unstable_stretch_does_not_overflow():
     """A slope that blows errors up gives a large finite variance, not infinity."""
     slopes = np.column_stack([np.zeros(5000), np.full(5000, 50.0)])
-    for variance in spread(AD, GD, slopes, np.ones(5000), 0.5):
+    for variance in speed_variances(AD, GD, slopes, np.ones(5000), 0.5):
         assert np.isfinite(variance).all()
         assert variance.min() >= 0
 

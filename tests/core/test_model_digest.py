@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from ldt_core.base.errors import ModelError
 from ldt_core.base.experiment import ModelRecord
 from ldt_core.recording import model_json as module
-from ldt_core.recording.model_json import digest, model_text, parse_model
+from ldt_core.recording.model_json import model_digest, model_text, parse_model
 
 RECORD = ModelRecord(
     3, "linear", (1, 4), {"order": 2, "A": [[0.1, -1e-300], [2.0, 1 / 3]], "b": None}
@@ -98,7 +98,7 @@ def test_the_digest_is_the_same_in_another_process():
     """It rests on no order of hashing and no setting of the process."""
     data = json.loads(model_text(RECORD))
     code = (
-        "import json, sys; from ldt_core.recording.model_json import digest as d; "
+        "import json, sys; from ldt_core.recording.model_json import model_digest as d; "
         "print(d(json.load(sys.stdin)))"
     )
     other = subprocess.run(
@@ -108,7 +108,7 @@ def test_the_digest_is_the_same_in_another_process():
         text=True,
         check=True,
     )
-    assert other.stdout.strip() == data["digest"] == digest(deepcopy(data))
+    assert other.stdout.strip() == data["digest"] == model_digest(deepcopy(data))
 
 
 def test_what_is_too_long_is_refused_unread(monkeypatch):

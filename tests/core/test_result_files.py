@@ -14,7 +14,7 @@ from ldt_core.base.errors import OptionError
 from ldt_core.base.result_files import (
     check_target,
     check_writable,
-    digest,
+    file_digest,
     keep,
     recall,
     whole,
@@ -87,13 +87,13 @@ def test_a_digest_changes_with_bytes_and_names(tmp_path):
     folder = tmp_path / "case"
     (folder / "inner").mkdir(parents=True)
     (folder / "inner" / "a").write_bytes(b"1")
-    seen = {digest(folder)}
+    seen = {file_digest(folder)}
     (folder / "inner" / "a").rename(folder / "a")
-    seen.add(digest(folder))
+    seen.add(file_digest(folder))
     (folder / "a").write_bytes(b"2")
-    seen |= {digest(folder), digest(folder / "a"), digest(tmp_path / "none")}
+    seen |= {file_digest(folder), file_digest(folder / "a"), file_digest(tmp_path / "none")}
     assert len(seen) == 4
-    assert digest(folder) == digest(folder / "a")
+    assert file_digest(folder) == file_digest(folder / "a")
 
 
 def test_a_full_disk_is_told_with_the_file(tmp_path, monkeypatch):

@@ -36,7 +36,7 @@ from ldt_core.models.gaussian_process.sparse import (
     condition_in_parts,
     fit_hyperparameters,
 )
-from ldt_core.models.gaussian_process.speed_run import FreeRun, compile_run, spread
+from ldt_core.models.gaussian_process.speed_run import FreeRun, compile_run, speed_variances
 
 #: Blocks of the training data, at least: fewer determine neither the kernel nor the noise.
 FEWEST_BLOCKS = 40
@@ -253,7 +253,7 @@ def _disturbance(
         compiled = compile_run(other, inputs)
         for run, part in zip(runs, parts, strict=True):
             speed, slopes, deviation = _run(compiled, run)
-            function, first, drift = spread(
+            function, first, drift = speed_variances(
                 run.ad, run.gd, slopes, deviation, persistence(memory, run.period)
             )
             own = part == index

@@ -190,7 +190,7 @@ def _run_inducing(
 
 
 @njit()
-def spread(ad, gd, slopes, deviation, persistence):
+def speed_variances(ad, gd, slopes, deviation, persistence):
     """Variance of the speed along a run, for each source apart.
 
     Args:

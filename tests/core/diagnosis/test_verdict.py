@@ -14,7 +14,14 @@ from ldt_core.base.experiment import Experiment
 from ldt_core.diagnosis.diagnose import diagnose
 from ldt_core.diagnosis.effect_set_search import EffectSetSearch
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
-from ldt_core.diagnosis.holdout import closed, errors, free_run, noise_there, regimes, split
+from ldt_core.diagnosis.holdout import (
+    closed,
+    errors,
+    free_run,
+    noise_there,
+    regimes,
+    split_at_random,
+)
 from ldt_core.diagnosis.library import library
 from ldt_core.diagnosis.nominal_prior import nominal_prior
 from ldt_core.diagnosis.thresholds import THRESHOLDS
@@ -366,7 +373,7 @@ def test_effects_can_be_left_out_and_a_machine_has_only_those_that_it_can_have()
 def test_experiments_are_split_into_two_parts_that_are_not_empty(count, holdout):
     """Nothing is in both; a few experiments are cut into parts first."""
     experiments = record(ROTOR, count=count, samples=900)
-    fit, held = split(experiments, holdout, 0)
+    fit, held = split_at_random(experiments, holdout, 0)
     assert fit
     assert held
     assert sum(map(len, fit)) + sum(map(len, held)) == sum(map(len, experiments))
@@ -375,9 +382,9 @@ def test_experiments_are_split_into_two_parts_that_are_not_empty(count, holdout)
 
 def test_too_little_to_go_by_is_refused():
     with pytest.raises(BadInput, match="at least 400 samples"):
-        split(record(ROTOR, count=1, samples=300), 0.25, 0)
+        split_at_random(record(ROTOR, count=1, samples=300), 0.25, 0)
     with pytest.raises(BadInput, match="holdout"):
-        split(record(ROTOR), 2.0, 0)
+        split_at_random(record(ROTOR), 2.0, 0)
 
 
 def test_the_noise_is_what_it_was_in_these_experiments():

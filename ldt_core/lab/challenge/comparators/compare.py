@@ -22,7 +22,7 @@ from ldt_core.diagnosis.candidate import Candidate
 from ldt_core.diagnosis.channel_noise import channel_noise
 from ldt_core.diagnosis.effect_fit import EffectFit, fit
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
-from ldt_core.diagnosis.holdout import HOLDOUT, closed, free_run, split
+from ldt_core.diagnosis.holdout import HOLDOUT, closed, free_run, split_at_random
 from ldt_core.diagnosis.responses import SHRINK, STRETCH, best_alone, rank_pairs, simulate_all
 from ldt_core.machine.machine_file import Machine
 from ldt_core.physics.effect import Effect
@@ -147,7 +147,7 @@ class Data:
     ) -> None:
         self.machine = machine
         #: The same experiments to fit and to hold back as the diagnosis takes.
-        self.fitted, self.held = split(experiments, HOLDOUT, seed=0)
+        self.fitted, self.held = split_at_random(experiments, HOLDOUT, seed=0)
         self.effects = list(effects)
         #: Deviation of the white noise on the measured speed [rad/s].
         self.noise = channel_noise(self.fitted)[0]

@@ -10,7 +10,7 @@ from typing import Any
 
 from ldt_core.base.errors import BadInput
 from ldt_core.base.parallel import Workers
-from ldt_core.base.result_files import digest
+from ldt_core.base.result_files import file_digest
 from ldt_core.lab.challenge.comparators import COMPARATORS
 from ldt_core.lab.challenge.comparators.sparse_regression import installed
 from ldt_core.lab.challenge.score.answer import DIAGNOSIS, Answers, CaseAnswer
@@ -51,7 +51,7 @@ def score_challenge(
     subset: int = 0,
     jobs: int = 0,
     scheduler: str = "",
-    say: Callable[[str, str], None] = lambda file, digest: None,
+    say: Callable[[str, str], None] = lambda file, file_digest: None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> ChallengeScore:
     """Answer every case, then open the keys.
@@ -130,7 +130,7 @@ def _answers(
     store = Answers(out)
     origins, found = {}, {}
     for name, folder in sealed.items():
-        about = {"case": digest(folder), "left_out": without[name]}
+        about = {"case": file_digest(folder), "left_out": without[name]}
         for w in (w for w, those in answering.items() if name in those):
             origins[w, name] = {**stamp(w), **about}
             known = store.read(name, w, origins[w, name])
