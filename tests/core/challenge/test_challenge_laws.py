@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -100,9 +101,10 @@ def explained(name, seed):
 def test_a_laws_nearest_parameters_explain_nearly_all_of_its_gap_in_the_twin(name):
     """And hardly ever all of it: no candidate is exactly right.
 
-    In the middle of three cases: near capture, or where friction holds, free runs part by rounding.
+    In two of three cases: near capture, or where friction holds, free runs part by rounding.
     """
-    assert 0.95 <= np.median([explained(name, seed) for seed in (1, 2, 3)]) < 1 - 1e-7
+    right = (0.95 <= explained(name, seed) < 1 - 1e-7 for seed in (1, 2, 3))
+    assert sum(itertools.islice((1 for one in right if one), 2)) == 2
 
 
 @pytest.mark.parametrize("name", sorted(OUTSIDE))
