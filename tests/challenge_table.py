@@ -155,7 +155,9 @@ def picture(found: Mapping[str, Any], folder: Path) -> None:
             ends = [[value - right.low], [right.high - value]]
             axes.errorbar([at], [value], yerr=ends, fmt="o", color=style.INK)
             how = {"textcoords": "offset points", "ha": "center"}
-            axes.annotate(str(len(inside)), (at, right.high or 0.0), (0, 4), **how)
+            above = at < 0.95  # the last two bins are close to each other
+            end, offset = (right.high, 4) if above else (right.low, -12)
+            axes.annotate(str(len(inside)), (at, end or 0.0), (0, offset), **how)
         axes.set_xlabel("confidence stated (mean of a bin)")
         axes.set_ylabel("share that was right")
         axes.set_xlim(0, 1.02)
