@@ -191,7 +191,7 @@ def test_the_command_diagnoses_scores_and_prints_the_hash_first(made, tmp_path, 
     for case in ("case_0001", "case_0002"):
         found = json.loads((tmp_path / "score" / case / "diagnosis.json").read_text())
         assert {"verdict", "gap", "where", "candidates", "effects"} < set(found)
-        about = {"case": score.digest(out / case), "left_out": None}
+        about = {"case": score.file_digest(out / case), "left_out": None}
         assert kept.read(case, "diagnosis", {**sealed.stamp(), **about}).seconds > 0
 
 

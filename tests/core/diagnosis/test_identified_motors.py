@@ -10,11 +10,20 @@ import pytest
 from ldt_core.calibration.calibrate import calibrate
 from ldt_core.calibration.identify import identify_machine
 from ldt_core.diagnosis.diagnose import diagnose
+from ldt_core.effects import get_effect
 from tests.core.diagnosis.recorded_machines import record
 from tests.motors import motor_file
 
 pytestmark = pytest.mark.slow
 
+#: Those that may act here, and some that look like them.
+EFFECTS = [
+    get_effect(name)
+    for name in (
+        *("motor_constant", "inertia", "armature_resistance", "viscous_friction", "sensor_gain"),
+        *("coulomb_friction", "constant_load", "quadratic_drag", "sensor_lag"),
+    )
+]
 TRUE = {"J": 2e-4, "K_t": 0.05, "R": 1.5, "L": 5e-4, "b": 1e-4}
 SAMPLES, PERIOD, NOISE = 800, 0.005, 0.5
 runs = functools.partial(record, count=6, samples=SAMPLES, hold=100, noise=NOISE)
@@ -48,7 +57,7 @@ def test_how_well_it_is_known_covers_the_true_motor(healthy):
 def test_a_number_that_changed_is_named(healthy, changed, names):
     """With the usual tolerance of a data sheet, no effect was needed to explain 9 rad/s."""
     records = runs(motor_file({**TRUE, **changed}, SAMPLES, PERIOD), seed=7)
-    verdict = diagnose(healthy, records).verdict
+    verdict = diagnose(healthy, records, effects=EFFECTS, workers=1).verdict
     assert verdict.kind in ("effect", "ambiguous")
     assert names & set(verdict.acting[0])
 
@@ -56,7 +65,7 @@ def test_a_number_that_changed_is_named(healthy, changed, names):
 def test_the_same_machine_has_no_gap(healthy):
     """In other experiments."""
     records = runs(motor_file(TRUE, SAMPLES, PERIOD), seed=8)
-    assert diagnose(healthy, records).verdict.kind == "none"
+    assert diagnose(healthy, records, workers=1).verdict.kind == "none"
 
 
 @pytest.mark.parametrize("inductance", [5e-4, 1e-5, 0.0])
@@ -98,7 +107,8 @@ def test_a_number_that_changed_is_named_beside_what_the_file_lacks(
 ):
     """The friction alone was named, at 0.91, with the usual tolerance for a number 10 % off."""
     records = runs(motor_file({**TRUE, **changed}, SAMPLES, PERIOD), FRICTION, seed=7)
-    acting = diagnose(with_friction[file], records).verdict.acting
+    found = diagnose(with_friction[file], records, effects=EFFECTS, workers=1)
+    acting = found.verdict.acting
     assert any("coulomb_friction" in group for group in acting)
     assert any(names & set(group) for group in acting)
 
