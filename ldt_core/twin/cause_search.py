@@ -19,7 +19,7 @@ from ldt_core.twin.version_errors import explains, gains
 #: processor. A first search that finds two causes in 2000 samples takes 11 to 16 million; with some
 #: room that is a second and a half, and more an answer should not take.
 STEPS = 18_000_000
-#: The same of a search for causes altogether: other models wait for its end.
+#: The same of a search for causes, for whose end other models wait.
 MOST_STEPS = 3 * STEPS
 
 
@@ -141,17 +141,37 @@ class CauseSearch:
             if len(asked.pool) == 1:  # it was made, and counted, before that was known
                 finished(self._candidates.structures(asked.start, asked.pool))
         else:
-            self.cause = yield from self._caused()
+            self.cause = yield from self._caused_in_time()
             self.over = True
             yield 0
             if self.cause is not None:
                 self.models = [self.cause[0]]
                 return
-        start, pool = self.question.start, self.question.pool  # not known at the beginning
-        self.models = self._candidates.flexible(start, pool)
-        self.models += yield from self._candidates.loosened(start, pool)
-        causes = (yield from within(self._candidates.structures(start, pool), MOST_STEPS)) or []
+        yield from self._others()
+        start, pool = self.question.start, self.question.pool
+        causes = yield from self._candidates.structures(start, pool)
         self.models += [*causes, *self._candidates.flexible(start, pool, causes)]
+
+    def _others(self) -> Pausable[None]:
+        """Models that explain nothing, and may err less."""
+        if not self.models:
+            start, pool = self.question.start, self.question.pool  # not known at the beginning
+            self.models = self._candidates.flexible(start, pool)
+            self.models += yield from self._candidates.loosened(start, pool)
+
+    def _caused_in_time(self) -> Pausable[tuple[GreyBoxModel, str] | None]:
+        """As `_caused`; where it takes long, others compete meanwhile."""
+        work, done = self._caused(), 0
+        while done < MOST_STEPS:
+            try:
+                piece = next(work)
+            except StopIteration as end:
+                found: tuple[GreyBoxModel, str] | None = end.value
+                return found
+            done += piece
+            yield piece
+        yield from self._others()
+        return (yield from work)
 
     def _caused(self) -> Pausable[tuple[GreyBoxModel, str] | None]:
         """A model of causes that explains the experiment, known or searched for, and its origin."""
@@ -169,7 +189,7 @@ class CauseSearch:
             # Of one machine, as the excitation alone is another: another cause may explain all.
             best = (yield from within(self._searched(pool), STEPS // 2)) or alone
         elif best is None:
-            best = yield from within(self._searched([experiment]), MOST_STEPS)
+            best = yield from self._searched([experiment])
         if best is None:
             return None
         return best, "estimates its causes anew" if best is alone else "has a new cause"

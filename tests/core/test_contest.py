@@ -337,6 +337,26 @@ def test_flexible_models_wait_for_no_search():
     assert len(search.models) > len(learned)
 
 
+def test_other_models_do_not_wait_for_the_end_of_a_long_search(monkeypatch):
+    """It took the work of thirty experiments, and nothing competed; what it finds still counts."""
+    monkeypatch.setattr("ldt_core.twin.cause_search.MOST_STEPS", 1)
+    short = dataclasses.replace(wearing("unbalance", "e", 0.012), duration=4.0)  # s
+    plant = Plant(short, experiments=8, seed=3)
+    other = plant.experiment(plant.schedule.changes[0])
+    adaptor = ldt.Twin(short, model="auto").adaptor
+    about = [adaptor.model], (), (), other, False, True, [other]
+    search = CauseSearch(adaptor.candidates, Question(adaptor.model, *about))
+    while not search.models:
+        assert not search.go_on(1)
+    while len(search.models) < 3:
+        assert not search.go_on(1)
+    learned = [type(m).__name__ for m in search.models]
+    assert learned == ["RemainderModel", "HybridModel", "GreyBoxModel"]
+    assert not search.over
+    assert search.go_on(10**12)
+    assert [m.version for m in search.models] == [search.cause[0].version]
+
+
 def test_work_that_takes_too_much_comes_to_nothing():
     """And is not gone on with."""
 
