@@ -157,21 +157,25 @@ class _Search:
         residual, weights = self._residual(found, offset)
         size, unknowns = float(np.linalg.norm(residual)), found.size + weights.size
         unknowns += found.size * len(self.experiments)
-        taus = np.exp(found)
+        tau_m, tau_e = self._times(found)
         return MotorResponse(
             order=found.size,
             gain=float(weights[0]),
-            tau_m=float(taus[0]),
-            tau_e=float(taus[1]) if taus.size == 2 else USUAL_TIME * self.period,
+            tau_m=tau_m,
+            tau_e=tau_e,
             offset=float(weights[1]) if offset else 0.0,
             noise_std=size / math.sqrt(max(self.samples - unknowns, 1)),
             fit_percent=100 * (1 - size / self.spread),
         )
 
+    def _times(self, logs: Array) -> tuple[float, float]:
+        """tau_m and tau_e [s] of one or both logarithms."""
+        taus = [*np.exp(logs).tolist(), USUAL_TIME * self.period]
+        return taus[0], taus[1]
+
     def _residual(self, logs: Array, offset: bool) -> tuple[Array, Array]:
         """(all samples,) what is left of the speed, and gain and perhaps offset."""
-        fast = math.log(USUAL_TIME * self.period)
-        model = _unit(*np.exp(logs if logs.size == 2 else [logs[0], fast]))
+        model = _unit(*self._times(logs))
         bases: dict[int, Array] = {}
         columns, speeds = [], []
         for e in self.experiments:

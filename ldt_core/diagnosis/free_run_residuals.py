@@ -306,7 +306,7 @@ class FreeRunResiduals:
                 np.size(run.voltage)
                 * (TERMINAL_PRICE if any(e.terminal for e, _ in run.effects) else 1)
                 for run in begun
-                if run.tracked[1] > 0 or any(e.torque or e.terminal for e, _ in run.effects)
+                if run.tracked[1] > 0 or any(e.terms for e, _ in run.effects)
             )
         )
         simulate = self.physics.simulate_all

@@ -63,9 +63,8 @@ from ldt_core.diagnosis.sentence import not_measured, not_seen, not_standing, se
 from ldt_core.diagnosis.standing import begun_errors, objection, unlike
 from ldt_core.diagnosis.thresholds import THRESHOLDS
 from ldt_core.diagnosis.verdict import Decision
-from ldt_core.estimation.noise import rougher
+from ldt_core.estimation.doubtful_speed import speed_doubt
 from ldt_core.machine.machine_file import Machine
-from ldt_core.machine.sensor_check import doubt
 
 OWN_SCALE = (
     "the machine file is an equivalent motor (R = 1 Ohm by convention): torques, inertias and "
@@ -250,9 +249,7 @@ class VerdictReport:
     def _notes(self, units: str) -> list[str]:
         cut = {e.number for e in self.fitted} & {e.number for e in self.held}
         few = f"fewer than {FEWEST_EXPERIMENTS} experiments: each was cut into parts, some of them"
-        file = self.machine
-        both = ((e, doubt(file, e), file.calibration) for e in [*self.fitted, *self.held])
-        odd = ((e.number, words or rougher(known, e.speed)) for e, words, known in both)
+        odd = ((e.number, speed_doubt(self.machine, e)) for e in [*self.fitted, *self.held])
         first = next((f"experiment {n}: sensor or machine? {w}" for n, w in odd if w), "")
         ended = self.named is not None and at_the_end(self.named)
         last = "the machine file's numbers moved as far as it lets them: something else is missing"

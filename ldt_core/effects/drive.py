@@ -90,6 +90,11 @@ def _delayed(times, volts, delay):
     return times + delay, volts
 
 
+def _limit(name: str, unit: str, description: str, scale: float) -> Parameter:
+    """A size that nothing exceeds; by default nothing reaches it."""
+    return Parameter(name, unit, 0.0, NO_LIMIT, NO_LIMIT, description, open_low=True, scale=scale)
+
+
 ARMATURE_RESISTANCE = Effect(
     name="armature_resistance",
     family="resistance",
@@ -236,18 +241,7 @@ VOLTAGE_SATURATION = Effect(
     name="voltage_saturation",
     description="the supply limits the voltage in both directions",
     equation="V := min(max(V, -limit), limit)",
-    parameters=(
-        Parameter(
-            "limit",
-            "V",
-            0.0,
-            NO_LIMIT,
-            NO_LIMIT,
-            "largest voltage; the default is none",
-            open_low=True,
-            scale=10.0,
-        ),
-    ),
+    parameters=(_limit("limit", "V", "largest voltage; the default is none", 10.0),),
     typical={"limit": 10.0},
     on_voltage=_saturated,
     reference="Khalil, Nonlinear Systems, chapter 1 (common nonlinearities: saturation)",
@@ -258,18 +252,7 @@ MAGNETIC_SATURATION = Effect(
     family="torque limit",
     description="the motor constant falls with the current, as the armature weakens the field",
     equation="K_t := K_t / (1 + (i / current)^2), of torque and back-EMF",
-    parameters=(
-        Parameter(
-            "current",
-            "A",
-            0.0,
-            NO_LIMIT,
-            NO_LIMIT,
-            "at which the constant has fallen to half",
-            open_low=True,
-            scale=20.0,
-        ),
-    ),
+    parameters=(_limit("current", "A", "at which the constant has fallen to half", 20.0),),
     typical={"current": 12.0},
     torque=_saturating,
     terminal=_saturated_back,
@@ -283,18 +266,7 @@ CURRENT_LIMIT = Effect(
     family="torque limit",
     description="the drive limits the current, and so the torque, in both directions",
     equation="V := min(max(V, K_t omega - R limit), K_t omega + R limit), so that |i| <= limit",
-    parameters=(
-        Parameter(
-            "limit",
-            "A",
-            0.0,
-            NO_LIMIT,
-            NO_LIMIT,
-            "largest current; the default is none",
-            open_low=True,
-            scale=10.0,
-        ),
-    ),
+    parameters=(_limit("limit", "A", "largest current; the default is none", 10.0),),
     typical={"limit": 6.0},
     terminal=_limiting,
     needs=("K_t", "R"),

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -13,7 +12,6 @@ from ldt_core.base.arrays import Array
 THIRD_DIFFERENCE = math.sqrt(20)  # standard deviation of that of white noise with deviation 1
 NORMAL_MEDIAN = 0.6745  # of the size of a standard normal number
 FEWEST_SAMPLES = 4  # for a third difference, or for a pair of lags
-ROUGHER = 3.0  # times the noise that a file knows: a healthy sensor's does not grow so
 ROUNDING = 1 / math.sqrt(12)  # deviation of a uniform error, of the step to which it is rounded
 # A sensor's step, from the values that it shows.
 RECURRENCE = 1.5  # samples for each distinct value: of a signal without steps each value is its own
@@ -39,28 +37,6 @@ def white_noise(signals: Iterable[Array]) -> float:
         return 0.0
     found = float(np.median(np.concatenate(parts))) / NORMAL_MEDIAN / THIRD_DIFFERENCE
     return max(found, ROUNDING * sensor_step(known))
-
-
-def rougher(calibration: Mapping[str, Any], speed: Array) -> str:
-    """Where a speed is much rougher than the machine file's calibration left it, in words.
-
-    A model that errs by a ripple faster than half the sample rate leaves what looks like noise.
-
-    Args:
-        calibration: of the machine file; one that tells no noise knows nothing here.
-        speed: (L,) of an experiment [rad/s].
-    """
-    noise = calibration.get("noise")
-    told = noise.get("speed") if isinstance(noise, Mapping) else None
-    if not isinstance(told, int | float) or not 0 < told < math.inf:
-        return ""
-    found = white_noise([speed])
-    if found <= ROUGHER * told:
-        return ""
-    return (
-        f"a noise of {found:.3g} rad/s, {told:.3g} in the machine file: a worse sensor, or a "
-        "ripple too fast for the sample rate"
-    )
 
 
 def sensor_step(signals: Sequence[Array]) -> float:

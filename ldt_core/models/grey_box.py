@@ -38,8 +38,6 @@ EVEN, ROUNDED = 0.5, 1e-9
 ALIKE = 2 * math.log(20.0)
 #: Noise [rad/s] as a part of the speed's root mean square, at least: the simulation's own error.
 NOISE_FLOOR = 1e-4
-
-
 #: Times the precision of the file's tolerances, where they are not trusted: ten deviations are one.
 LOOSE = 1e-2
 

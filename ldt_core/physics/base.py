@@ -219,12 +219,12 @@ class Physics(abc.ABC):
             states[:, SPEED] = speed
             return self.measure(states, period, on_sensor)
 
-        gain = float((seen(shown) - seen(np.zeros_like(shown))) @ shown) / (
-            float(shown @ shown) or 1
-        )
-        speed = shown.copy()
-        for _ in range(SENSOR_ROUNDS):
-            speed = speed + (shown - seen(speed)) / (gain or 1.0)
+        first = seen(shown)
+        answer = float((first - seen(np.zeros_like(shown))) @ shown)
+        gain = answer / (float(shown @ shown) or 1) or 1.0
+        speed = shown + (shown - first) / gain
+        for _ in range(SENSOR_ROUNDS - 1):
+            speed = speed + (shown - seen(speed)) / gain
         return speed
 
     def __repr__(self) -> str:

@@ -58,8 +58,7 @@ class PhysicsWithEffects(Physics):
     def is_linear(self, values: Values) -> bool:
         """No known effect adds a torque or changes the voltage, and the machine is linear."""
         plain = all(
-            effect.torque is None and effect.terminal is None and effect.on_voltage is None
-            for effect, _ in self._acting(values)
+            not effect.terms and effect.on_voltage is None for effect, _ in self._acting(values)
         )
         return plain and self.bare.is_linear(self._changed(values))
 

@@ -29,9 +29,9 @@ from ldt_core.base.experiment import (
 )
 from ldt_core.base.model_state import shown_state
 from ldt_core.base.settings import resolve
-from ldt_core.estimation.noise import rougher
+from ldt_core.estimation.doubtful_speed import speed_doubt
 from ldt_core.machine.experiment_limits import too_long_to_learn
-from ldt_core.machine.sensor_check import doubt, fault
+from ldt_core.machine.sensor_check import fault
 from ldt_core.models.base import Model
 from ldt_core.recording.model_json import model_text, parse_model
 from ldt_core.twin.gate import Offer, best_offer
@@ -183,9 +183,7 @@ class Adaptor:
         """What was done, with a warning where the machine file would rule the speed out."""
         if not self.sensor_check:
             return told
-        machine = self.model.machine
-        words = doubt(machine, experiment, self._recent(experiment))
-        words = words or rougher(machine.calibration, experiment.speed)
+        words = speed_doubt(self.model.machine, experiment, self._recent(experiment))
         if not words:
             return told
         reason = f"{told.reason}; sensor or machine? {words}"

@@ -8,6 +8,7 @@ pieces of one kind and two of another is foreseen as one that makes them by turn
 
 from __future__ import annotations
 
+import functools
 import math
 from collections import Counter, defaultdict, deque
 from collections.abc import Iterable, Mapping, Sequence
@@ -88,7 +89,7 @@ class ConditionChain:
         Args:
             condition: of the experiment behind those that were seen.
         """
-        seen, order = _seen(self.path)
+        seen, order = _seen(tuple(self.path))
         last = [*self.path, condition]
         counts: dict[int, float] = {condition: LASTED}
         for came, count in _behind(seen, last, order).items():
@@ -147,12 +148,12 @@ class ConditionChain:
 _Seen = dict[tuple[int | None, ...], Counter[int | None]]
 
 
-def _seen(path: Iterable[int | None]) -> tuple[_Seen, int]:
+@functools.lru_cache(maxsize=1)  # asked of one path for each version and condition
+def _seen(conditions: tuple[int | None, ...]) -> tuple[_Seen, int]:
     """What came behind up to `MOST_ORDER` conditions, and the order that predicted it best.
 
     A higher order costs a bit.
     """
-    conditions = list(path)
     kinds = len({*conditions, None})
     seen: _Seen = defaultdict(Counter)
     bits = {order: float(order) for order in range(1, MOST_ORDER + 1)}

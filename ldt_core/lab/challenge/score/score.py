@@ -51,7 +51,7 @@ def score_challenge(
     subset: int = 0,
     jobs: int = 0,
     scheduler: str = "",
-    say: Callable[[str, str], None] = lambda file, file_digest: None,
+    say: Callable[[str, str], None] = lambda file, digest: None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> ChallengeScore:
     """Answer every case, then open the keys.
