@@ -109,20 +109,6 @@ def whole(path: Path, ending: str = "") -> Iterator[Path]:
             part.unlink(missing_ok=True)
 
 
-def file_digest(place: Path) -> str:
-    """SHA-256 of all bytes of a file, or of the files in a folder and of their names.
-
-    Where there is nothing, it is that of nothing.
-    """
-    total = hashlib.sha256()
-    files = {place.name: place} if place.is_file() else _files(place)
-    for name, file in files.items():
-        total.update(f"{name}\n".encode())
-        with file.open("rb") as stream:
-            total.update(hashlib.file_digest(stream, "sha256").digest())
-    return total.hexdigest()
-
-
 def keep(
     record: Path,
     found: Path,
@@ -217,11 +203,6 @@ class ResultFolder:
 
     def _path(self, name: str) -> Path:
         return self.out / f"{name}.json"
-
-
-def _files(folder: Path) -> dict[str, Path]:
-    files = sorted(p for p in folder.rglob("*") if p.is_file())
-    return {file.relative_to(folder).as_posix(): file for file in files}
 
 
 def _sha256(data: bytes) -> str:

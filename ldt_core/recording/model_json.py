@@ -6,11 +6,11 @@ one, of an older recording or another program, is taken as it is.
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
 from typing import Any
 
+from ldt_core.base.digest import json_digest
 from ldt_core.base.errors import ModelError
 from ldt_core.base.experiment import ModelRecord
 from ldt_core.recording.messages import quoted
@@ -41,13 +41,8 @@ def model_text(record: ModelRecord) -> str:
 
 
 def model_digest(content: dict[str, Any]) -> str:
-    """`sha256:` and the hexadecimal SHA-256 of the canonical JSON of a model without its digest.
-
-    Canonical: names sorted, no blanks, ASCII, the shortest digits that give a float back.
-    """
-    content = {name: value for name, value in content.items() if name != DIGEST}
-    text = json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False)
-    return METHOD + hashlib.sha256(text.encode("ascii")).hexdigest()
+    """`sha256:` and the digest (`json_digest`) of a model without its digest."""
+    return METHOD + json_digest({n: value for n, value in content.items() if n != DIGEST})
 
 
 def parse_model(where: str, text: str) -> ModelRecord:

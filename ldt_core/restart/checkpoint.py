@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ldt_core.base import result_files
+from ldt_core.base.digest import json_digest
 from ldt_core.base.errors import RecordingError
 from ldt_core.base.experiment import Adaptation, DiagnosisRecord, Experiment, ModelRecord
 from ldt_core.machine.machine_file import Machine
@@ -71,7 +72,7 @@ class CheckpointFiles:
         self.folder, self._log = Path(folder), log
         #: All that there may be.
         self.paths = [self.folder / f"{stage}.{slot}.checkpoint" for slot in range(SLOTS)]
-        self._key = state_digest(key)
+        self._key = json_digest(key)
         self._slot = 0
 
     def read(self) -> list[Checkpoint]:
@@ -100,7 +101,7 @@ class CheckpointFiles:
         if not self.folder.is_dir():
             return
         content = {"format": FORMAT, "key": self._key, **checkpoint._asdict()}
-        text = json.dumps({**content, "digest": state_digest(content)}, allow_nan=False)
+        text = json.dumps({**content, "digest": json_digest(content)}, allow_nan=False)
         if len(text) > MOST_BYTES:
             raise ValueError(f"expected at most {MOST_BYTES} bytes, got {len(text)}")
         result_files.write(self.paths[self._slot], text, sync=True)
@@ -112,7 +113,7 @@ class CheckpointFiles:
         if len(data) > MOST_BYTES:
             raise ValueError(f"expected at most {MOST_BYTES} bytes")
         content = json.loads(data)
-        if not isinstance(content, dict) or content.pop("digest", None) != state_digest(content):
+        if not isinstance(content, dict) or content.pop("digest", None) != json_digest(content):
             raise ValueError("it is damaged")
         if content.get("format") != FORMAT or content.get("key") != self._key:
             raise ValueError("it is of another run, or of another version")
@@ -122,12 +123,6 @@ class CheckpointFiles:
         if type(start) is not float or not math.isfinite(start) or not isinstance(state, dict):
             raise ValueError("its start or its state is none")
         return Checkpoint(number, start, speed, state)
-
-
-def state_digest(content: Any) -> str:
-    """SHA-256 of a content in JSON types."""
-    text = json.dumps(content, sort_keys=True, allow_nan=False, default=str)
-    return hashlib.sha256(text.encode()).hexdigest()
 
 
 class Lookup:

@@ -7,7 +7,6 @@ is refused.
 
 from __future__ import annotations
 
-import hashlib
 import json
 import shlex
 from collections.abc import Mapping
@@ -16,6 +15,7 @@ from typing import Any
 
 import msgs_config
 from ldt_core.base.code_version import code_version
+from ldt_core.base.digest import file_digest, json_digest
 from ldt_core.base.errors import BadInput, RecordingError
 from ldt_core.base.settings import as_options
 from ldt_core.detectors import DETECTORS
@@ -41,8 +41,8 @@ def key_text(machine: Machine, settings: Mapping[str, Any]) -> str:
     Args:
         settings: parameters of the run, those at least that name parts.
     """
-    content = json.dumps(machine.as_dict(), sort_keys=True)
-    key = {"machine": _digest(content.encode()), "physics": machine.physics, **code_version()}
+    digest = json_digest(machine.as_dict())[:DIGEST_DIGITS]
+    key = {"machine": digest, "physics": machine.physics, **code_version()}
     files = own_files(machine, settings).items()
     return json.dumps(key | {f"{OWN_FILE}{name}": digest for name, digest in files})
 
@@ -55,12 +55,8 @@ def own_files(machine: Machine, settings: Mapping[str, Any]) -> dict[str, str]:
             name, is_file, _ = text.partition(".py:") if isinstance(text, str) else ("", "", "")
             if is_file:
                 path = Path(f"{name}.py")
-                found[str(path)] = _digest(path.read_bytes()) if path.is_file() else "none"
+                found[str(path)] = file_digest(path)[:DIGEST_DIGITS] if path.is_file() else "none"
     return found
-
-
-def _digest(content: bytes) -> str:
-    return hashlib.sha256(content).hexdigest()[:DIGEST_DIGITS]
 
 
 def check_key(bag: Bag, machine: Machine, settings: Mapping[str, Any] | None = None) -> None:

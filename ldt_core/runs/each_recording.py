@@ -7,7 +7,6 @@ and would come out the same again is not computed again.
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 from collections.abc import Callable, Mapping, Sequence
@@ -16,9 +15,10 @@ from pathlib import Path
 from typing import Any
 
 from ldt_core.base.code_version import code_version
+from ldt_core.base.digest import file_digest, json_digest
 from ldt_core.base.errors import BadInput, LdtError
 from ldt_core.base.parallel import Workers
-from ldt_core.base.result_files import file_digest, keep, recall
+from ldt_core.base.result_files import keep, recall
 from ldt_core.machine.machine_file import Machine
 from ldt_core.views.diagnosis_page.diagnosis_page import JSON, PAGE, as_json
 
@@ -200,7 +200,7 @@ def _origin(recording: str, machine: Machine, options: Options) -> dict[str, Any
         **code_version(),
         "recording": os.path.abspath(recording),
         "content": [file_digest(Path(p)) for p in (recording, *files)],
-        "machine": hashlib.sha256(repr(vars(machine)).encode()).hexdigest(),
+        "machine": json_digest(machine.as_dict()),
         "options": asdict(options),
     }
     return dict(json.loads(json.dumps(about)))

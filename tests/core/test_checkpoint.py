@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies
 
+from ldt_core.base.digest import json_digest
 from ldt_core.base.errors import LdtError, RecordingError
 from ldt_core.base.experiment import (
     Action,
@@ -25,7 +26,7 @@ from ldt_core.detectors.lddm import LDDM
 from ldt_core.machine.machine_file import load_machine
 from ldt_core.recording.bag import Bag
 from ldt_core.recording.writer import BagWriter
-from ldt_core.restart.checkpoint import Lookup, state_digest
+from ldt_core.restart.checkpoint import Lookup
 from ldt_core.restart.recorded_run import END, RecordedRun
 from ldt_core.restart.stage_restart import StageRestart, TwinRestart
 from ldt_core.twin.adaptor import ROLLED_BACK
@@ -175,7 +176,7 @@ def changed(file, **change):
     """A checkpoint that says something else, and is whole."""
     content = {**json.loads(file.read_text()), **change}
     del content["digest"]
-    file.write_text(json.dumps({**content, "digest": state_digest(content)}))
+    file.write_text(json.dumps({**content, "digest": json_digest(content)}))
 
 
 def flipped(file):

@@ -10,11 +10,11 @@ from pathlib import Path
 
 import pytest
 
+from ldt_core.base.digest import file_digest
 from ldt_core.base.errors import OptionError
 from ldt_core.base.result_files import (
     check_target,
     check_writable,
-    file_digest,
     keep,
     recall,
     whole,

@@ -8,7 +8,6 @@ decide its numbers, on the same machine file; anything else is computed anew.
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 import json
 import time
 from collections.abc import Callable, Collection, Iterable, Mapping
@@ -18,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from ldt_core.base.code_version import code_version
+from ldt_core.base.digest import json_digest
 from ldt_core.base.errors import BadInput, LdtError
 from ldt_core.base.experiment import Experiment, Level, Prediction, Signal, Step
 from ldt_core.base.parallel import Workers
@@ -50,8 +50,7 @@ class StudyStore:
     """
 
     def __init__(self, out: Path | str, stamp: Mapping[str, str], machine: Machine) -> None:
-        plain = json.dumps(machine.as_dict(), sort_keys=True)
-        origin = {**stamp, "machine": hashlib.sha256(plain.encode()).hexdigest()[:12]}
+        origin = {**stamp, "machine": json_digest(machine.as_dict())[:12]}
         self.folder = ResultFolder(out, FORMAT, origin)
         self.results: dict[str, RunResult] = {}
         self.facts: dict[str, Facts] = {}

@@ -14,9 +14,7 @@ Detection Theory", 1998, chapter 7.
 from __future__ import annotations
 
 import functools
-import hashlib
 import itertools
-import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -26,6 +24,7 @@ import numpy as np
 from scipy import optimize, stats
 
 import msgs_config
+from ldt_core.base.digest import json_digest
 from ldt_core.base.experiment import Experiment, Samples
 from ldt_core.lab.study.drift_detection import DETECTION_WINDOW, drifts_of
 from ldt_core.lab.study.stream import GROUPS, stream
@@ -145,8 +144,7 @@ def stream_key(case: StudyCase) -> str:
     resolved = case.resolved
     decisive = {name: resolved[name] for name in ("machine", *msgs_config.parameters(*GROUPS))}
     del decisive["start_time"]
-    plain = json.dumps(decisive, sort_keys=True)
-    return hashlib.sha256(plain.encode()).hexdigest()[:20]
+    return json_digest(decisive)[:20]
 
 
 def examine(plant: Plant, experiments: Sequence[Experiment], seed: int) -> Facts:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
+from ldt_core.base.digest import json_digest
 from ldt_core.base.settings import resolve
 
 
@@ -52,8 +51,7 @@ class StudyCase:
     @property
     def key(self) -> str:
         """Name of the result: the same for the same run, whatever the study it belongs to."""
-        plain = json.dumps({**asdict(self), "resolved": self.resolved}, sort_keys=True)
-        return hashlib.sha256(plain.encode()).hexdigest()[:20]
+        return json_digest({**asdict(self), "resolved": self.resolved})[:20]
 
 
 @dataclass(frozen=True)

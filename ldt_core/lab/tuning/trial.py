@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -13,6 +12,7 @@ from typing import Any, Self
 import numpy as np
 
 from ldt_core.base.code_version import code_version
+from ldt_core.base.digest import json_digest
 from ldt_core.base.errors import BadInput, LdtError
 from ldt_core.base.experiment import Action, Experiment, Level
 from ldt_core.detectors import build_detector
@@ -136,29 +136,25 @@ def _refuse(error: LdtError) -> None:
 
 def job_key(job: Job) -> str:
     """SHA-256 of all that decides what comes of a setting, but the setting."""
-    given = [code_version(), _code(job.settings["model"]), matter_key(job)]
-    digest = hashlib.sha256(json.dumps(given, sort_keys=True).encode())
-    digest.update(_bytes(job.rows))
-    return digest.hexdigest()
+    code = _code(job.settings["model"])
+    return json_digest([code_version(), code, matter_key(job), _samples_digest(job.rows)])
 
 
 def matter_key(job: Job) -> str:
     """SHA-256 of what is tuned: the recording, and the twin but for its detector."""
-    plain: Any = [job.machine.as_dict(), dict(job.settings)]
-    digest = hashlib.sha256(json.dumps(plain, sort_keys=True).encode())
     rows = ((e.voltage, e.speed, e.current, [e.number, e.period]) for e in job.experiments)
-    digest.update(_bytes(rows))
-    return digest.hexdigest()
+    return json_digest([job.machine.as_dict(), dict(job.settings), _samples_digest(rows)])
 
 
-def _bytes(rows: Iterable[Iterable[Any]]) -> bytes:
+def _samples_digest(rows: Iterable[Iterable[Any]]) -> str:
     parts = (samples for row in rows for samples in row)
-    return b"".join(b"|" if p is None else np.asarray(p, np.float64).tobytes() for p in parts)
+    data = b"".join(b"|" if p is None else np.asarray(p, np.float64).tobytes() for p in parts)
+    return hashlib.sha256(data).hexdigest()
 
 
 def setting_key(setting: DetectorSetting) -> str:
     """Name of a setting's result."""
-    return hashlib.sha256(json.dumps(setting.settings).encode()).hexdigest()[:20]
+    return json_digest(setting.settings)[:20]
 
 
 def _code(name: str) -> str:

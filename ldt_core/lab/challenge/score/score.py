@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from ldt_core.base.digest import file_digest
 from ldt_core.base.errors import BadInput
 from ldt_core.base.parallel import Workers
-from ldt_core.base.result_files import file_digest
 from ldt_core.lab.challenge.comparators import COMPARATORS
 from ldt_core.lab.challenge.comparators.sparse_regression import installed
 from ldt_core.lab.challenge.score.answer import DIAGNOSIS, Answers, CaseAnswer
