@@ -10,6 +10,8 @@ from typing import Any
 import msgs_config
 from ldt_core.base.errors import OptionError, described, did_you_mean
 
+#: Share of a recording's experiments by which a fit is judged, unless said otherwise.
+HOLDOUT = 0.25
 FROM_FILE = -1.0  # of a numerical option: take the machine file's value
 #: Named configurations: what they set, whatever the defaults are. Paper: Zhou, Walther, Verl, CIRP
 #: CMS 2024. Every new model is taken, S_w and the present experiment are learned from, f_d depends

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 from ldt_core.base.errors import OptionError
 from ldt_core.base.experiment import Experiment
+from ldt_core.base.settings import HOLDOUT
 
-HOLDOUT = 0.25  # share of the experiments to judge by, unless said otherwise
 LEAST_TO_HOLD_OUT = 4  # experiments; fewer are all needed for the fit
 
 

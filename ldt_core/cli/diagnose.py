@@ -10,6 +10,7 @@ import click
 from rich.table import Table
 
 from ldt_core.base.printable import one_line
+from ldt_core.base.settings import HOLDOUT
 from ldt_core.cli.completion import known
 from ldt_core.cli.console import Console
 from ldt_core.cli.options import compute_options, namespace_option, parameters
@@ -31,7 +32,7 @@ MAX_CANDIDATES = 8  # candidates in the table of the terminal; the page has all
 @click.option(
     "--holdout",
     type=float,
-    default=0.25,
+    default=HOLDOUT,
     show_default=True,
     metavar="FRACTION",
     help="Share of the experiments that are held out to measure the closure.",

@@ -7,12 +7,13 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from ldt_core.base.experiment import Experiment
+from ldt_core.base.settings import HOLDOUT
 from ldt_core.base.threads import cores, one_thread
 from ldt_core.diagnosis.candidate import Candidate
 from ldt_core.diagnosis.diagnosis import Diagnosis
 from ldt_core.diagnosis.effect_set_search import EffectSetSearch
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
-from ldt_core.diagnosis.holdout import HOLDOUT, split_at_random, without_fragments
+from ldt_core.diagnosis.holdout import split_at_random, without_fragments
 from ldt_core.diagnosis.isolability import isolability
 from ldt_core.diagnosis.library import library
 from ldt_core.diagnosis.nominal_prior import known_colour, nominal_prior

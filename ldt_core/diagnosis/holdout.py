@@ -19,7 +19,6 @@ from ldt_core.diagnosis.thresholds import THRESHOLDS
 from ldt_core.machine.machine_file import Machine
 from ldt_core.models.physics import PhysicsModel
 
-HOLDOUT = 0.25  # share of the experiments held out, unless the user says otherwise
 FEWEST_EXPERIMENTS = 4  # with fewer, each is cut into so many parts to fit and to hold out
 FEWEST_SAMPLES = 200  # of such a part: a shorter one shows little of the machine
 FRAGMENT = 10  # samples: an experiment of fewer does not even show its start state

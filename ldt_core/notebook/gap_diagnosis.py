@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ldt_core.base.errors import ArgumentTypeError, OptionError, described
-from ldt_core.base.settings import check, resolve
+from ldt_core.base.settings import HOLDOUT, check, resolve
 from ldt_core.diagnosis.diagnose import diagnose as find_cause
 from ldt_core.diagnosis.diagnosis import Diagnosis
 from ldt_core.diagnosis.library import library
@@ -92,7 +92,7 @@ def diagnose(
     recording: ExperimentsLike,
     machine: MachineLike,
     *,
-    holdout: float = 0.25,
+    holdout: float = HOLDOUT,
     seed: int = 0,
     effects: Iterable[str | Effect] = (),
     without: Iterable[str] = (),

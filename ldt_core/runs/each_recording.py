@@ -19,6 +19,7 @@ from ldt_core.base.digest import file_digest, json_digest
 from ldt_core.base.errors import BadInput, LdtError
 from ldt_core.base.parallel import Workers
 from ldt_core.base.result_files import keep, recall
+from ldt_core.base.settings import HOLDOUT
 from ldt_core.machine.machine_file import Machine
 from ldt_core.views.diagnosis_page.diagnosis_page import JSON, PAGE, as_json
 
@@ -37,7 +38,7 @@ class Options:
     more: tuple[str, ...] = ()
     without: tuple[str, ...] = ()
     refit: tuple[str, ...] | None = None
-    holdout: float = 0.25
+    holdout: float = HOLDOUT
     seed: int = 0
 
 

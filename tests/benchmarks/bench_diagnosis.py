@@ -9,11 +9,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from ldt_core.base.settings import HOLDOUT
 from ldt_core.diagnosis.candidate import Candidate
 from ldt_core.diagnosis.diagnose import diagnose
 from ldt_core.diagnosis.effect_fit import fit
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
-from ldt_core.diagnosis.holdout import HOLDOUT, split_at_random
+from ldt_core.diagnosis.holdout import split_at_random
 from ldt_core.diagnosis.library import library
 from ldt_core.diagnosis.thresholds import THRESHOLDS
 from ldt_core.effects import parse_effect

@@ -18,11 +18,12 @@ import numpy as np
 from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment
+from ldt_core.base.settings import HOLDOUT
 from ldt_core.diagnosis.candidate import Candidate
 from ldt_core.diagnosis.channel_noise import channel_noise
 from ldt_core.diagnosis.effect_fit import EffectFit, fit
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
-from ldt_core.diagnosis.holdout import HOLDOUT, closed, free_run, split_at_random
+from ldt_core.diagnosis.holdout import closed, free_run, split_at_random
 from ldt_core.diagnosis.responses import SHRINK, STRETCH, best_alone, rank_pairs, simulate_all
 from ldt_core.machine.machine_file import Machine
 from ldt_core.physics.effect import Effect
