@@ -22,7 +22,7 @@ from ldt_core.base.settings import resolve
 from ldt_core.calibration.calibrate import calibrate
 from ldt_core.calibration.calibration import padded_range
 from ldt_core.calibration.identify import identify_machine
-from ldt_core.calibration.torque_balance import SPANS, Balance, balance, fitting, machine_of
+from ldt_core.calibration.torque_balance import SPANS, Balance, balance, balanced_start, fitting
 from ldt_core.diagnosis.diagnose import diagnose
 from ldt_core.diagnosis.diagnosis import Diagnosis, read_effects
 from ldt_core.machine.machine_file import Machine, load_machine
@@ -141,8 +141,8 @@ def unbalanced_disk(folder: Path) -> Iterator[Row]:
     )
     found = fitting(shown)
     limits = padded_range(float(first["voltage_V"].min()), float(first["voltage_V"].max()))
-    alone = machine_of(balance(shown, ()), "disk", shown, limits)
-    whole = machine_of(found or balance(shown, ()), "disk", shown, limits)
+    alone = balanced_start(balance(shown, ()), "disk", shown, limits)
+    whole = balanced_start(found or balance(shown, ()), "disk", shown, limits)
     errors = (error(m, further) for m in (alone, whole))
     yield ("unbalanced disc, by accelerations", told(found), *errors)
     # The file in free run, and what the second record says that it lacks still.

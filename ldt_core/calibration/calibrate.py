@@ -35,7 +35,7 @@ from ldt_core.calibration.identifiability import (
     Identifiability,
     Uncertainty,
     coloured,
-    examine,
+    identifiability,
     uncertainty,
 )
 from ldt_core.calibration.lack_of_fit import lack_of_fit
@@ -360,7 +360,7 @@ class _Work:
         if self.joint:  # what the data do not tell apart, the prior does
             return Identifiability(tuple(whole.names), tuple(whole.names), {}, ()), sensitivities
         rows = np.vstack(sensitivities) * whole.sizes(z)
-        return examine(whole.names, rows, exact, prefer), sensitivities
+        return identifiability(whole.names, rows, exact, prefer), sensitivities
 
     def _estimates(self, state: _State) -> tuple[list[ParameterEstimate], Machine, bool]:
         """They, the machine with them, and whether all are determined."""

@@ -111,7 +111,7 @@ class Identifiability:
         return found
 
 
-def examine(
+def identifiability(
     names: Sequence[str],
     sensitivities: Array,
     exact: bool = True,

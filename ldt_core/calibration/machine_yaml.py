@@ -34,7 +34,7 @@ def write_machine_file(
         OSError: it cannot be written.
     """
     check_new(file, force)
-    text = machine_text(found) if isinstance(found, Calibration) else equivalent_text(found)
+    text = machine_file_text(found) if isinstance(found, Calibration) else equivalent_text(found)
     result_files.write(Path(file), text)
 
 
@@ -46,7 +46,7 @@ def check_new(file: str | Path, force: bool) -> None:
         raise OptionError("--out", expected, f"{file}, which exists")
 
 
-def machine_text(calibration: Calibration) -> str:
+def machine_file_text(calibration: Calibration) -> str:
     """The machine file as YAML with a comment on each parameter."""
     machine = calibration.machine
     after = calibration.errors["fit"][1]

@@ -160,14 +160,14 @@ def balanced_machine(
     name: str,
     limits: tuple[float, float] | None = None,
 ) -> Machine:
-    """The machine that `machine_of` makes of a balance which these experiments determine.
+    """The machine that `balanced_start` makes of a balance which these experiments determine.
 
     Raises:
         OptionError: an effect that no balance knows.
         BadInput: experiments of different sample periods, or too large or small to compute with.
         LdtError: they do not determine it, or the speed does not rise with the voltage.
     """
-    check_names(effects)
+    check_balanced(effects)
     if all(len(e) <= SHORTEST for e in experiments):
         raise BadInput("the recording", f"experiments of more than {SHORTEST} samples", "none")
     what = f"a motor with {listed(KINDS[n] for n in dict.fromkeys(effects))}"
@@ -181,7 +181,7 @@ def balanced_machine(
         raise LdtError(f"the recording cannot determine {what}: {CHANCE}")
     low = min(float(e.voltage.min()) for e in experiments)
     high = max(float(e.voltage.max()) for e in experiments)
-    return machine_of(found, name, experiments, limits or padded_range(low, high))
+    return balanced_start(found, name, experiments, limits or padded_range(low, high))
 
 
 def _over_the_best_span(experiments: Sequence[Experiment], effects: Sequence[str]) -> Balance:
@@ -211,14 +211,14 @@ def _enough(experiments: Sequence[Experiment], effects: Sequence[str], span: int
     return sum(len(e) // span for e in experiments) >= needed
 
 
-def check_names(names: Sequence[str]) -> None:
+def check_balanced(names: Sequence[str]) -> None:
     """Refuse (OptionError) effects that no balance knows."""
     for name in names:
         if name not in KINDS:
             raise OptionError("--effects", did_you_mean(name, KINDS), repr(name))
 
 
-def machine_of(
+def balanced_start(
     found: Balance, name: str, experiments: Sequence[Experiment], limits: tuple[float, float]
 ) -> Machine:
     """An equivalent motor with the effects that act on it, from where a fit in free run begins.

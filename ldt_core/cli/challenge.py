@@ -141,7 +141,7 @@ def score(
     """
     from ldt_core.cli.progress import ResumableProgress
     from ldt_core.lab.challenge.score.score import OUT_SUFFIX, score_challenge
-    from ldt_core.lab.challenge.score.score_files import write_files
+    from ldt_core.lab.challenge.score.score_files import write_score
     from ldt_core.views.page import style
 
     style.require("a score")
@@ -163,7 +163,7 @@ def score(
             say=say,
             progress=progress.show,
         )
-    _print(found, write_files(found, target), as_json)
+    _print(found, write_score(found, target), as_json)
 
 
 def _print(score: ChallengeScore, files: Sequence[Path], as_json: bool) -> None:
@@ -171,10 +171,10 @@ def _print(score: ChallengeScore, files: Sequence[Path], as_json: bool) -> None:
     from rich.table import Table
 
     from ldt_core.cli.console import Console
-    from ldt_core.lab.challenge.score.score_files import as_dict, side_by_side
+    from ldt_core.lab.challenge.score.score_files import score_record, side_by_side
 
     if as_json:
-        echo_json(as_dict(score))
+        echo_json(score_record(score))
         return
     console = Console(wide=True)
     head, rows = side_by_side(score)

@@ -38,7 +38,7 @@ def command(out: str, force: bool, as_json: bool) -> None:
     from ldt_core.machine import Plant
     from ldt_core.machine.machine_file import load_machine
     from ldt_core.runs import offline
-    from ldt_core.views.report.report_page import write_page
+    from ldt_core.views.report.report_page import write_run_page
 
     if Path(out).exists() and not force:
         raise OptionError("--out", "a folder that does not exist yet (or --force)", out)
@@ -54,7 +54,7 @@ def command(out: str, force: bool, as_json: bool) -> None:
         summary = offline.run(
             machine, settings, experiments, bag, lambda step: progress.show_step(machine.name, step)
         )
-        write_page(bag, page)
+        write_run_page(bag, page)
     record = {"page": page, "recording": bag, **summary.as_dict()}
     echo_result(
         as_json,

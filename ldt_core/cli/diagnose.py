@@ -118,7 +118,7 @@ def command(
     from ldt_core.diagnosis.nominal_prior import nominal_prior
     from ldt_core.machine.machine_file import load_machine
     from ldt_core.runs.each_recording import Options
-    from ldt_core.views.diagnosis_page.diagnosis_page import JSON, PAGE, picture, write_files
+    from ldt_core.views.diagnosis_page.diagnosis_page import JSON, PAGE, picture, write_diagnosis
     from ldt_core.views.diagnosis_page.diagnosis_page import as_json as in_json
     from ldt_core.views.page import style
 
@@ -155,7 +155,7 @@ def command(
             tick=tick,
         )
         tick("drawing the page")
-        write_files(found, folder)
+        write_diagnosis(found, folder)
         if figure:
             picture(found, figure)
     if as_json:

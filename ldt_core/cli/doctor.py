@@ -45,7 +45,7 @@ def command(recording: str | None, bag: str, mend: bool, namespace: str, as_json
     if recording is None:
         if mend:
             raise OptionError("--repair", "a RECORDING to repair", "none")
-        found = check.examine([*computer_checks.probes(bag), *check.found_probes()])
+        found = check.run_probes([*computer_checks.probes(bag), *check.found_probes()])
     elif mend:
         from ldt_core.doctor.recording_checks import mended
 

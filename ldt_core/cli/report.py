@@ -26,10 +26,10 @@ def command(recording: str, out: str, force: bool, namespace: str, as_json: bool
     """
     from pathlib import Path
 
-    from ldt_core.views.report.report_page import write_page
+    from ldt_core.views.report.report_page import write_run_page
 
     check_file(out, force, endings=(".html", ".htm"))
-    run = write_page(recording, out, namespace)
+    run = write_run_page(recording, out, namespace)
     if as_json:
         facts = {"page": out, "bytes": Path(out).stat().st_size, **run.summary.as_dict()}
         echo_json(facts, indent=2)

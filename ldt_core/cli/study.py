@@ -84,7 +84,7 @@ def command(
     """
     from ldt_core.cli.progress import ResumableProgress
     from ldt_core.lab.study.engine import conduct
-    from ldt_core.lab.study.study_page import write_figures, write_page
+    from ldt_core.lab.study.study_page import write_figures, write_study_page
     from ldt_core.lab.study.study_plan import StudyPlan
     from ldt_core.lab.study.study_tables import write_tables
     from ldt_core.views.page import style
@@ -102,7 +102,7 @@ def command(
         study = conduct(plan, out, jobs=jobs, scheduler=scheduler, progress=progress.show)
     write_tables(out, study)
     write_figures(study, out)
-    _print(study, write_page(study, out), as_json)
+    _print(study, write_study_page(study, out), as_json)
 
 
 def _print(study: Study, page: Path, as_json: bool) -> None:
@@ -111,9 +111,9 @@ def _print(study: Study, page: Path, as_json: bool) -> None:
     from rich.table import Table
 
     from ldt_core.cli.console import Console
-    from ldt_core.lab.study.study_tables import robust_rows, summary, table_rows
+    from ldt_core.lab.study.study_tables import robust_rows, summary_rows, table_rows
 
-    rows = summary(study)
+    rows = summary_rows(study)
     if as_json:
         record = {"settings": study.settings, "runs": len(study.entries), "notes": study.notes}
         record |= {"summary": rows, "table": table_rows(study), "robustness": robust_rows(study)}

@@ -90,7 +90,14 @@ def command(
     from ldt_core.cli.progress import ResumableProgress
     from ldt_core.lab.tuning.choice import Budget
     from ldt_core.lab.tuning.tune import tune
-    from ldt_core.lab.tuning.tune_files import FILE, TABLE, as_dict, is_of, sentence, write_results
+    from ldt_core.lab.tuning.tune_files import (
+        FILE,
+        TABLE,
+        choice_sentence,
+        is_of,
+        tuning_record,
+        write_results,
+    )
     from ldt_core.lab.tuning.tuning_figure import write_figure
     from ldt_core.machine.machine_file import load_machine
     from ldt_core.recording.bag import read_bag
@@ -125,19 +132,19 @@ def command(
     pictures = write_figure(found, out)
     warn(*bag.notes, *found.notes)
     if as_json:
-        record = {**as_dict(found), "out": out, "figure": str(pictures[0])}
+        record = {**tuning_record(found), "out": out, "figure": str(pictures[0])}
         echo_json(record)
     if found.choice.chosen is None:
-        raise LdtError(sentence(found))
+        raise LdtError(choice_sentence(found))
     if not as_json:
         _print(found, out)
 
 
 def _print(found: Tuning, out: str) -> None:
-    from ldt_core.lab.tuning.tune_files import sentence, why
+    from ldt_core.lab.tuning.tune_files import choice_sentence, why
 
     assert found.choice.chosen is not None
-    echo(sentence(found))
+    echo(choice_sentence(found))
     for reason in why(found):
         echo(f"- {reason}")
     echo(f"options: {found.choice.chosen.setting.options}")

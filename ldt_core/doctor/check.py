@@ -70,7 +70,7 @@ class Probe:
     look: Callable[[], Sequence[Finding]]
 
 
-def examine(probes: Sequence[Probe], limit: float = TIME_LIMIT) -> list[Finding]:
+def run_probes(probes: Sequence[Probe], limit: float = TIME_LIMIT) -> list[Finding]:
     """Run all probes side by side; the findings stand in the order of the probes.
 
     Args:

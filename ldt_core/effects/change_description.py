@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from ldt_core.physics.effect import Effect
 
 
-def amount(value: float, unit: str) -> str:
+def _amount(value: float, unit: str) -> str:
     """A value with its unit, lengths in mm."""
     return (f"{value * 1e3:.3g} mm" if unit == "m" else f"{value:.3g} {unit}").rstrip()
 
@@ -20,7 +20,7 @@ def reads_the_same(effect: Effect, before: Mapping[str, float], after: Mapping[s
     """Whether nobody could tell these amounts apart as they are printed."""
     was = {**effect.neutral, **before}
     return all(
-        amount(was[p.name], p.unit) == amount(after[p.name], p.unit) for p in effect.parameters
+        _amount(was[p.name], p.unit) == _amount(after[p.name], p.unit) for p in effect.parameters
     )
 
 
@@ -35,11 +35,11 @@ def change_of(effect: Effect, before: Mapping[str, float], after: Mapping[str, f
     name = spoken(effect.name)
     if len(effect.parameters) == 1:
         (p,) = effect.parameters
-        value = amount(after[p.name], p.unit)
+        value = _amount(after[p.name], p.unit)
         if p.default == 1 and not p.unit:
             value = f"a factor of {value}"
         return f"{name} has {_way(before[p.name], after[p.name])} {value}"
-    parts = [f"{spoken(p.name)} {amount(after[p.name], p.unit)}" for p in effect.parameters]
+    parts = [f"{spoken(p.name)} {_amount(after[p.name], p.unit)}" for p in effect.parameters]
     return f"{name} has changed to {', '.join(parts)}"
 
 

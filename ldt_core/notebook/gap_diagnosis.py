@@ -15,7 +15,7 @@ from ldt_core.diagnosis.diagnosis import Diagnosis
 from ldt_core.diagnosis.library import library
 from ldt_core.notebook.recorded_experiments import ExperimentsLike, MachineLike, possible
 from ldt_core.physics.effect import Effect
-from ldt_core.views.diagnosis_page.diagnosis_page import diagnosis_figure, write_files
+from ldt_core.views.diagnosis_page.diagnosis_page import diagnosis_figure, write_diagnosis
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -73,7 +73,7 @@ class GapDiagnosis(Diagnosis):
         if place.exists() and not place.is_dir():
             raise OptionError("folder", "a folder", f"the file {place}")
         place.mkdir(parents=True, exist_ok=True)
-        write_files(self, place)
+        write_diagnosis(self, place)
 
 
 def names_and_effects(given: object) -> tuple[list[str], list[Effect]]:

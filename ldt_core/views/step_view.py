@@ -98,11 +98,11 @@ class StepView:
         signal, done = self.signal, self.adaptation
         return {
             "number": self.number,
-            "error": rounded(signal.max_error) if signal else None,
-            "original": rounded(self.original_error),
+            "error": drawn_number(signal.max_error) if signal else None,
+            "original": drawn_number(self.original_error),
             "level": int(signal.level) if signal else None,
             "state": shown_state(signal).name if signal else "",
-            "noise": rounded(signal.adequacy) if signal else None,
+            "noise": drawn_number(signal.adequacy) if signal else None,
             "version": signal.model_version if signal else None,
             "action": str(done.action) if done else "",
             "reason": done.reason if done else "",
@@ -196,7 +196,7 @@ def belongs(prediction: Prediction, experiment: Experiment) -> bool:
     return prediction.start == experiment.start and len(prediction) == len(experiment)
 
 
-def rounded(value: float | None) -> float | None:
+def drawn_number(value: float | None) -> float | None:
     """Rounded to what is drawn; None where it is none."""
     if value is None or not math.isfinite(value):
         return None

@@ -25,7 +25,7 @@ from ldt_core.recording.bag import read_bag
 from ldt_core.recording.health import inspect
 from ldt_core.recording.writer import BagWriter
 from ldt_core.views.figures.run_figure import load_run, plot_run
-from ldt_core.views.report.report_page import write_page
+from ldt_core.views.report.report_page import write_run_page
 from ldt_core.views.watch.fleet import Fleet
 from ldt_core.views.watch.record_source import Playback
 from tests.benchmarks.__main__ import machine
@@ -83,7 +83,7 @@ def examine(folder: Path, count: int) -> Iterator[int]:
 
 def show(folder: Path, count: int) -> Iterator[int]:
     """Make the page of `ldt report`."""
-    run = write_page(folder, folder.with_suffix(".html"))
+    run = write_run_page(folder, folder.with_suffix(".html"))
     yield len(run.steps)
 
 

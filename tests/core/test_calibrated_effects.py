@@ -11,7 +11,7 @@ import yaml
 import ldt_core as ldt
 from ldt_core.base.errors import ArgumentTypeError, MachineFileError
 from ldt_core.calibration import calibrate
-from ldt_core.calibration.machine_yaml import machine_text
+from ldt_core.calibration.machine_yaml import machine_file_text
 from ldt_core.effects import get_effect, parse_effect
 from ldt_core.machine.machine_file import Machine, machine_from_dict, parse_machine
 
@@ -123,8 +123,8 @@ def test_the_file_that_is_written_reads_back(bench):
     """With std and effects as YAML; the wrong thing in the place of a diagnosis is told."""
     measured, diagnosis = bench
     fitted = ldt.calibrate(measured, motor(), with_=diagnosis)
-    again = parse_machine(machine_text(fitted), "known.yaml")
-    assert again.as_dict() == yaml.safe_load(machine_text(fitted))
+    again = parse_machine(machine_file_text(fitted), "known.yaml")
+    assert again.as_dict() == yaml.safe_load(machine_file_text(fitted))
     assert again.parameters == fitted.machine.parameters
     assert again.deviations == fitted.machine.deviations != {}
     with pytest.raises(ArgumentTypeError, match="a diagnosis or its file"):

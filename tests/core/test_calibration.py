@@ -12,8 +12,8 @@ from ldt_core.base.errors import ExperimentError, LdtError, OptionError
 from ldt_core.base.experiment import Experiment
 from ldt_core.calibration import calibrate
 from ldt_core.calibration.held_out import split_evenly
-from ldt_core.calibration.identifiability import examine, product, uncertainty
-from ldt_core.calibration.machine_yaml import machine_text
+from ldt_core.calibration.identifiability import identifiability, product, uncertainty
+from ldt_core.calibration.machine_yaml import machine_file_text
 from ldt_core.machine.machine_file import load_machine, parse_machine
 
 MOTOR = load_machine("dc_motor")
@@ -232,20 +232,20 @@ def test_the_same_recording_gives_the_same_bits():
 def test_the_machine_file_reads_back():
     """The text is a machine file of the same name with the calibrated values and their story."""
     result = calibrate(MOTOR, measured(TRUE, 4)).with_recordings(["a: bag #1"])
-    again = parse_machine(machine_text(result), "out.yaml")
+    again = parse_machine(machine_file_text(result), "out.yaml")
     assert again.parameters == result.machine.parameters
     assert again.name == MOTOR.name
     assert again.simulation == MOTOR.simulation
     assert again.calibration == result.as_dict()
     assert again.calibration["recordings"] == ["a: bag #1"]
-    assert "# kg m^2" in machine_text(result)
+    assert "# kg m^2" in machine_file_text(result)
 
 
 def test_dependent_columns_are_grouped_with_their_exponents():
     """Columns x, y and 2x - y: the third is a product of the first two; a zero column is silent."""
     rng = np.random.default_rng(0)
     x, y = rng.standard_normal((2, 500)) * 100
-    seen = examine(["x", "y", "z", "o"], np.column_stack([x, y, 2 * x - y, 0 * x]))
+    seen = identifiability(["x", "y", "z", "o"], np.column_stack([x, y, 2 * x - y, 0 * x]))
     assert len(seen.determined) == 2
     assert seen.silent == ("o",)
     assert seen.clusters == [["x", "y", "z"], ["o"]]

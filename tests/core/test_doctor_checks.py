@@ -11,7 +11,7 @@ from importlib import metadata
 import pytest
 
 from ldt_core.doctor import computer_checks
-from ldt_core.doctor.check import Grade, Probe, examine, found_probes, ok, passed
+from ldt_core.doctor.check import Grade, Probe, found_probes, ok, passed, run_probes
 
 OK, WARNING, PROBLEM = Grade.OK, Grade.WARNING, Grade.PROBLEM
 
@@ -37,7 +37,7 @@ def test_a_probe_that_raises_or_hangs_is_a_problem_and_the_others_answer():
         Probe("fine", lambda: [ok("fine", "well")]),
     ]
     began = time.monotonic()
-    found = examine(probes, limit=0.5)
+    found = run_probes(probes, limit=0.5)
     assert time.monotonic() - began < 5
     assert [f.name for f in found] == ["hangs", "breaks", "fine"]
     assert [f.grade for f in found] == [PROBLEM, PROBLEM, OK]
@@ -51,7 +51,7 @@ def test_the_checks_of_another_part_that_cannot_be_loaded_are_one_problem(monkey
     """An entry point of a broken package ends nothing."""
     broken = metadata.EntryPoint("other", "no_such_thing:PROBES", "ldt.check")
     monkeypatch.setattr("ldt_core.doctor.check.entry_points", lambda group: [broken])
-    one(examine(found_probes()), PROBLEM, "ModuleNotFoundError: No module named 'no_such_thing'")
+    one(run_probes(found_probes()), PROBLEM, "ModuleNotFoundError: No module named 'no_such_thing'")
 
 
 def test_this_environment_is_well():

@@ -11,7 +11,7 @@ from ldt_core.lab.study.robustness.conduct import trial_tasks
 from ldt_core.lab.study.robustness.paper_trials import PAPER_TRIALS, PlainHybrid
 from ldt_core.lab.study.robustness.robust_run import TRIAL, RobustTask, run_robust
 from ldt_core.lab.study.study import Study
-from ldt_core.lab.study.study_page import write_page
+from ldt_core.lab.study.study_page import write_study_page
 from ldt_core.lab.study.study_plan import PAPER_DRIFTS
 from ldt_core.lab.study.study_tables import PAPER
 from ldt_core.machine.machine_file import load_machine
@@ -78,7 +78,7 @@ def test_the_page_has_a_row_for_each_trial_and_the_papers(tmp_path):
     """Of those that were run."""
     (task,) = [t for t in trial_tasks(range(1), 3) if t.stream == "paper"]
     study = Study({"groups": ("trials",)}, (), robust=(run_robust(task),))
-    page = write_page(study, tmp_path).read_text()
+    page = write_study_page(study, tmp_path).read_text()
     assert "the preset “paper”, 9 drifts" in page
     assert "the paper, on its rotor" in page
     assert PAPER_TRIALS["damping_10"].about not in page

@@ -30,7 +30,7 @@ from ldt_core.lab.study.robustness.robust_run import (
 from ldt_core.lab.study.robustness.straw_man import StrawMan
 from ldt_core.lab.study.robustness.streams import STREAMS
 from ldt_core.lab.study.study import Evidence, Study
-from ldt_core.lab.study.study_page import write_page
+from ldt_core.lab.study.study_page import write_study_page
 from ldt_core.lab.study.study_plan import StudyPlan
 from ldt_core.lab.study.study_tables import write_tables
 
@@ -161,7 +161,7 @@ def test_page_and_file_say_what_came_of_it(tmp_path):
     assert [r["setup"] for r in rows] == ["default", "never", *list(SETUPS)[1:]]
     assert float(rows[0]["left"]) == pytest.approx(0.126)
     assert Evidence(study).study.robust == runs
-    page = write_page(study, tmp_path).read_text()
+    page = write_study_page(study, tmp_path).read_text()
     assert "The default met 4 of 4 aims" in page
     assert "never found" in page
     assert "robust_streams-wide" in page

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from ldt_core.lab.study.facts import Facts, energy_needed, examine, facts_of, stream_key
+from ldt_core.lab.study.facts import Facts, energy_needed, facts_of, facts_of_plant, stream_key
 from ldt_core.lab.study.study_case import StudyCase
 from ldt_core.machine import Plant
 from ldt_core.machine.machine_file import load_machine
@@ -19,7 +19,7 @@ SHORT = dataclasses.replace(load_machine("rotor"), duration=4.0)
 
 def examined(**options):
     plant = Plant(SHORT, experiments=12, seed=2, **{"degradation": "abrupt", **options})
-    return examine(plant, [plant.experiment(n) for n in range(1, 13)], 2)
+    return facts_of_plant(plant, [plant.experiment(n) for n in range(1, 13)], 2)
 
 
 @pytest.fixture(scope="module")

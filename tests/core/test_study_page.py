@@ -16,7 +16,7 @@ from ldt_core.base.errors import LdtError
 from ldt_core.lab.study.figures import FIGURES, drawings
 from ldt_core.lab.study.sections.summary import what_was_run
 from ldt_core.lab.study.study import Evidence, Study
-from ldt_core.lab.study.study_page import lead, write_figures, write_page
+from ldt_core.lab.study.study_page import lead, write_figures, write_study_page
 from ldt_core.views.page import style
 
 pytestmark = pytest.mark.slow
@@ -48,7 +48,7 @@ def study():
 
 @pytest.fixture(scope="module")
 def page(study, tmp_path_factory):
-    return write_page(study, tmp_path_factory.mktemp("page")).read_text(encoding="utf-8")
+    return write_study_page(study, tmp_path_factory.mktemp("page")).read_text(encoding="utf-8")
 
 
 @pytest.fixture
@@ -162,7 +162,7 @@ def test_what_comes_from_outside_is_escaped(tmp_path, undrawn):
     undrawn.discard("shares")
     whole = fake_study(2, 28, machine=HOSTILE, notes=(HOSTILE,))
     study = only(named(whole, HOSTILE), "paper", "better")
-    page = write_page(study, tmp_path).read_text(encoding="utf-8")
+    page = write_study_page(study, tmp_path).read_text(encoding="utf-8")
     elements = Elements(page)
     assert "script" not in {t for t, _ in elements.tags}
     assert elements.text.count(HOSTILE) >= 2  # machine and note; a detector has its label
@@ -176,7 +176,7 @@ def test_what_comes_from_outside_is_escaped(tmp_path, undrawn):
 def test_a_small_study_says_what_is_missing(study, groups, tmp_path, undrawn):
     """A section without runs has a sentence in the place of its figures."""
     part = only(study, *groups)
-    page = write_page(part, tmp_path).read_text(encoding="utf-8")
+    page = write_study_page(part, tmp_path).read_text(encoding="utf-8")
     drawn = [n for n, d in drawings(Evidence(part)).items() if d]
     shown = [a["id"] for t, a in Elements(page).tags if t == "figure"]
     assert sorted(shown) == sorted(drawn)
@@ -190,15 +190,15 @@ def test_the_answer_stands_first_with_its_picture(page, tmp_path, undrawn):
     assert 'class="answer good"' in page
     assert "mean over 2 streams, 95 % interval" in page
     one = fake_study(1, 28)
-    robust = write_page(only(one), tmp_path).read_text(encoding="utf-8")
+    robust = write_study_page(only(one), tmp_path).read_text(encoding="utf-8")
     assert robust.index("The default met every aim") < robust.index("<nav")
     for study, first in ((one, "over_stream"), (only(one, "paper"), "shares")):
-        text = write_page(study, tmp_path).read_text(encoding="utf-8")
+        text = write_study_page(study, tmp_path).read_text(encoding="utf-8")
         assert "too few streams to decide" in text
         assert "on one stream, too few for an interval" in text
         assert "1 seeds" not in text
         assert text.index(f'<figure id="{first}"') < text.index("<nav")
-    nothing = write_page(replace(only(one), robust=()), tmp_path).read_text(encoding="utf-8")
+    nothing = write_study_page(replace(only(one), robust=()), tmp_path).read_text(encoding="utf-8")
     assert 'class="answer' not in nothing
 
 
@@ -206,7 +206,7 @@ def test_one_seed_is_enough(tmp_path, undrawn):
     """Means without an interval are shown as such."""
     undrawn.discard("thresholds")
     study = only(fake_study(1, 28), "paper", "sweep")
-    assert "one seed" in write_page(study, tmp_path).read_text(encoding="utf-8")
+    assert "one seed" in write_study_page(study, tmp_path).read_text(encoding="utf-8")
 
 
 def test_captions_have_the_figures_of_this_study(study):
@@ -258,5 +258,5 @@ def test_without_matplotlib_it_is_said_at_once(monkeypatch, study, tmp_path):
     """One sentence that says what to install."""
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     with pytest.raises(LdtError, match="pip install 'ldt\\[plot\\]'"):
-        write_page(study, tmp_path)
+        write_study_page(study, tmp_path)
     assert not list(Path(tmp_path).iterdir())

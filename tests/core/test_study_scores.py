@@ -12,7 +12,7 @@ from study_results import made_up
 
 from ldt_core.lab.study.drift_detection import delays, detection
 from ldt_core.lab.study.facts import Drift, Facts
-from ldt_core.lab.study.scores import chance, in_windows, score
+from ldt_core.lab.study.scores import chance, in_windows, scores_of
 
 # Twenty experiments; the value changes at 6 and at 16.
 TRUTH = [0.0] * 5 + [1.0] * 10 + [2.0] * 5
@@ -31,7 +31,7 @@ def test_a_run_by_hand():
     """Positives at 3 (false), 7 (drift of 6, one late), 8 (again), 14 (false): all counted."""
     errors = [2.0] * 10 + [4.0] * 10
     run = made_up(TRUTH, [3, 7, 8, 14], adapted=[7, 14], max_error=errors, original=6.0)
-    found = score(run, facts(detectable=[6]))
+    found = scores_of(run, facts(detectable=[6]))
     assert (found.mme, found.mme_original, found.share) == (3.0, 6.0, 0.5)
     assert (found.positives, found.adaptations, found.refusals) == (4, 2, 2)
     assert (found.drifts, found.detected, found.recall, found.precision) == (2, 1, 0.5, 0.25)
@@ -44,7 +44,7 @@ def test_a_run_by_hand():
 
 def test_what_is_undefined_is_none():
     """No drifts, no positives, no facts."""
-    found = score(made_up([0.0] * 4))
+    found = scores_of(made_up([0.0] * 4))
     undefined = ("recall", "precision", "chance_recall", "chance_precision", "delay")
     undefined += ("detectable", "detected_detectable", "recall_detectable")
     undefined += ("over_floor", "over_late")
@@ -54,7 +54,7 @@ def test_what_is_undefined_is_none():
 
 def test_an_alarm_in_a_window_is_no_false_alarm_although_it_reveals_nothing():
     """Precision blames the second positive after a drift, the false-alarm rate does not."""
-    found = score(made_up(TRUTH, [6, 7]))
+    found = scores_of(made_up(TRUTH, [6, 7]))
     assert (found.precision, found.false_alarms) == (0.5, 0)
 
 

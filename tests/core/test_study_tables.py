@@ -9,7 +9,7 @@ from study_results import made_up
 
 from ldt_core.lab.study.baselines import baseline_cases
 from ldt_core.lab.study.study import Entry, Study
-from ldt_core.lab.study.study_tables import COLUMNS, summary, table_rows, write_tables
+from ldt_core.lab.study.study_tables import COLUMNS, summary_rows, table_rows, write_tables
 
 TRUTH = [0.0] * 10 + [0.001] * 10
 
@@ -66,7 +66,7 @@ def test_all_runs_are_in_the_other_table(tmp_path):
 
 def test_the_summary_stands_beside_the_papers_table():
     """Mean and interval over seeds; the paper's figures only beside what repeats the paper."""
-    paper, better = summary(study())
+    paper, better = summary_rows(study())
     assert (paper["model"], paper["seeds"]) == ("hybrid", 2)
     assert paper["mme"]["value"] == 1.5
     assert paper["mme"]["low"] < 1 < 2 < paper["mme"]["high"]

@@ -14,10 +14,10 @@ from ldt_core.base.experiment import Experiment
 from ldt_core.calibration.torque_balance import (
     balance,
     balanced_machine,
-    check_names,
+    balanced_start,
+    check_balanced,
     fitting,
     guidance,
-    machine_of,
 )
 from ldt_core.cli.identify import command
 from ldt_core.machine.machine_file import load_machine
@@ -84,7 +84,9 @@ def test_a_torque_that_differs_by_the_experiment_is_no_pendulum(gravity, kind):
 def test_its_file_runs_nearly_as_the_machine_does():
     """By accelerations alone, before any fit in free run."""
     measured = [swung(samples=600)]
-    machine = machine_of(balance(measured, ["gravity_imbalance"]), "pendulum", measured, (-4, 4))
+    machine = balanced_start(
+        balance(measured, ["gravity_imbalance"]), "pendulum", measured, (-4, 4)
+    )
     predicted = PhysicsModel(machine).predict(measured[0]).speed
     left = np.sqrt(np.mean((predicted - measured[0].speed) ** 2))
     assert left < 0.3 * measured[0].speed.std()
@@ -120,4 +122,4 @@ def test_no_command_is_proposed_that_would_be_refused():
 
 def test_an_unknown_effect_is_refused():
     with pytest.raises(OptionError, match="effects"):
-        check_names(["gravity"])
+        check_balanced(["gravity"])

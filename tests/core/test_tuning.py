@@ -25,7 +25,7 @@ from ldt_core.lab.tuning.in_control import (
     FalseAlarms,
     chosen,
     control,
-    false_alarms,
+    false_alarm_rate,
     judged,
     limit_of,
     most,
@@ -37,9 +37,9 @@ from ldt_core.lab.tuning.tune import tune
 from ldt_core.lab.tuning.tune_files import (
     FILE,
     TABLE,
-    as_dict,
-    sentence,
+    choice_sentence,
     settings,
+    tuning_record,
     why,
     write_results,
 )
@@ -122,7 +122,9 @@ def test_the_same_call_gives_the_same_result(tmp_path, monkeypatch):
     two = tuned(tmp_path / "two", Budget(adaptations=4), **few, jobs=2)
 
     def plain(found):
-        return [{**row_, "seconds": 0} for row_ in as_dict(found)["tried"]], sentence(found)
+        return [{**row_, "seconds": 0} for row_ in tuning_record(found)["tried"]], choice_sentence(
+            found
+        )
 
     assert plain(one) == plain(two)
 
@@ -136,7 +138,7 @@ def test_it_goes_on_where_it_was_interrupted(tmp_path, monkeypatch):
 
     monkeypatch.setattr(tune_module, "try_setting", never_again)
     again = tuned(tmp_path, Budget(adaptations=4), values=3, detectors=("window",))
-    assert sentence(again) == sentence(first)
+    assert choice_sentence(again) == choice_sentence(first)
     with pytest.raises(AssertionError, match="tried again"):
         tuned(tmp_path, Budget(adaptations=4), recording(seed=1), values=3, detectors=("window",))
 
@@ -205,7 +207,7 @@ def rows_of(largest):
 
 def test_a_known_rate_lies_in_its_interval():
     """One experiment in ten has an error above 0.9."""
-    found = false_alarms(Threshold(0.9), rows_of(np.arange(1, 201) / 200))
+    found = false_alarm_rate(Threshold(0.9), rows_of(np.arange(1, 201) / 200))
     assert found.low < 0.1 < found.high
     assert found.rate == pytest.approx(0.1, abs=0.02)
     assert found.keep(5)
@@ -217,25 +219,25 @@ def test_few_experiments_show_little():
     rng = np.random.default_rng(0)
     rows = rows_of(np.exp(0.1 * rng.standard_normal(20)))
     limit = limit_of(rows, 1000)
-    found = false_alarms(Threshold(limit), rows)
+    found = false_alarm_rate(Threshold(limit), rows)
     assert found.rate == 0
     assert 1 / found.high == pytest.approx(7.2, abs=0.05)
     assert found.law == pytest.approx(1e-3, rel=1e-3)
     assert found.keep(1000)
-    assert not false_alarms(Threshold(0.99 * limit), rows).keep(1000)
+    assert not false_alarm_rate(Threshold(0.99 * limit), rows).keep(1000)
     assert most(0.0, 2995) <= 1e-3 < most(0.0, 2994)
 
 
 def test_a_detector_without_a_law_is_believed_no_more_than_was_shown():
     rows = [(np.zeros(50), None)] * 20
-    found = false_alarms(LDDM(1.0), rows)
+    found = false_alarm_rate(LDDM(1.0), rows)
     assert (found.rate, found.law) == (0, None)
     assert found.keep(7)
     assert not found.keep(8)
 
 
 def test_the_calendar_needs_no_experiments():
-    found = false_alarms(Window(10), rows_of([1.0, 2.0]))
+    found = false_alarm_rate(Window(10), rows_of([1.0, 2.0]))
     assert found.keep(10)
     assert not found.keep(11)
 
@@ -244,7 +246,7 @@ def test_the_adequacy_detector_is_taken_at_its_word_unless_it_breaks_it(monkeypa
     rng = np.random.default_rng(1)
     rows = [(NOISE * rng.standard_normal(50), None) for _ in range(20)]
     monkeypatch.setattr(in_control, "STREAMS", 10)
-    assert false_alarms(Adequacy(100), rows).keep(100)
+    assert false_alarm_rate(Adequacy(100), rows).keep(100)
     broken = FalseAlarms(rate=0.2, low=0.1, high=0.4, law=0.01)
     assert not broken.keep(100)
 
@@ -337,7 +339,7 @@ def test_without_experiments_in_control_the_rate_is_unknown(tmp_path):
     found = tuned(tmp_path, Budget(adaptations=20), far, **how)
     assert found.control is None
     assert any("unknown" in s for s in why(found))
-    assert as_dict(found)["tried"][0]["false_alarm_rate"] is None
+    assert tuning_record(found)["tried"][0]["false_alarm_rate"] is None
 
 
 def test_what_it_writes_can_be_used(tmp_path):
@@ -361,13 +363,13 @@ def test_what_it_writes_can_be_used(tmp_path):
 def test_the_reasons_name_what_was_given_up(tmp_path):
     """A budget that costs error says how much, and every other detector its best."""
     found = tuned(tmp_path, Budget(adaptations=2), detectors=("threshold", "window"))
-    text = " ".join([sentence(found), *why(found)])
+    text = " ".join([choice_sentence(found), *why(found)])
     assert "at most 2 adaptations" in text
     assert "without the budget" in text
     assert "window: " in text
     assert "20 experiments (1 to 20, as given)" in text
     none = replace(found, choice=choose(found.tried, Budget(adaptations=1, every=1e9)))
-    assert sentence(none).startswith("none of the")
+    assert choice_sentence(none).startswith("none of the")
     assert "gained nothing" not in text
     still = replace(found, never=found.choice.chosen)
     assert "learning gained nothing" in " ".join(why(still))

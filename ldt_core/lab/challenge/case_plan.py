@@ -208,7 +208,7 @@ def _plan(
         "explained": explained,
         "further_noise": {str(n): bench.noise(n) for n in FURTHER},
     }
-    return CasePlan(setting, tuple(acting), rounded({**truth, **figures}))
+    return CasePlan(setting, tuple(acting), rounded_numbers({**truth, **figures}))
 
 
 def _strengths(
@@ -301,12 +301,12 @@ def _parameters(fitted: Acting, setting: CaseSetting) -> dict[str, Any]:
     return known
 
 
-def rounded(item: Any) -> Any:
+def rounded_numbers(item: Any) -> Any:
     """The same with numbers of six digits, as a key has them."""
     if isinstance(item, float):
         return float(f"{item:.{DIGITS}g}")
     if isinstance(item, dict):
-        return {k: rounded(v) for k, v in item.items()}
+        return {k: rounded_numbers(v) for k, v in item.items()}
     if isinstance(item, list | tuple):
-        return [rounded(v) for v in item]
+        return [rounded_numbers(v) for v in item]
     return item

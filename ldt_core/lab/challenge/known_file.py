@@ -13,7 +13,7 @@ import numpy as np
 
 from ldt_core.base.errors import LdtError
 from ldt_core.calibration.calibrate import calibrate
-from ldt_core.lab.challenge.case_plan import CasePlan, rounded
+from ldt_core.lab.challenge.case_plan import CasePlan, rounded_numbers
 from ldt_core.machine.machine_file import Machine, machine_from_dict
 
 SHEET = 5  # independent random stream: errors of a data sheet
@@ -21,7 +21,7 @@ SHEET = 5  # independent random stream: errors of a data sheet
 
 def known_file(plan: CasePlan) -> dict[str, Any]:
     """The keys of the machine file that goes with a case."""
-    true = machine_from_dict(rounded(plan.machine), "case")
+    true = machine_from_dict(rounded_numbers(plan.machine), "case")
     sheet = _datasheet(true, plan.setting.random(0, SHEET))
     if plan.setting.file == "datasheet":
         return sheet.as_dict()

@@ -19,7 +19,7 @@ import numpy as np
 from ldt_core.base.errors import OptionError
 from ldt_core.base.experiment import Experiment
 from ldt_core.base.parallel import Workers
-from ldt_core.lab.challenge.case_plan import CasePlan, plan_case, rounded
+from ldt_core.lab.challenge.case_plan import CasePlan, plan_case, rounded_numbers
 from ldt_core.lab.challenge.laws import LAWS, OUTSIDE
 from ldt_core.recording.messages import dump
 from ldt_core.recording.writer import BagWriter
@@ -50,7 +50,9 @@ class Order:
     samples: int = 2000
 
 
-def orders(cases: int, seed: int, leave_one_out: bool = False, samples: int = 2000) -> list[Order]:
+def case_orders(
+    cases: int, seed: int, leave_one_out: bool = False, samples: int = 2000
+) -> list[Order]:
     """The cases of a challenge, shuffled.
 
     Args:
@@ -148,11 +150,11 @@ def make_challenge(
         LdtError: a case could not be made, or not written.
     """
     folder, key = check_places(out, key)
-    wanted = orders(cases, seed, leave_one_out, samples)
+    wanted = case_orders(cases, seed, leave_one_out, samples)
     with _emerging(folder, key) as (work, sealed), Workers(jobs) as workers:
         drawn = progress(workers.map(plan_order, wanted), cases, "drawing")
         plans = {order.name: plan for order, plan in drawn}
-        text = key_text([plans[order.name].truth for order in wanted])
+        text = _key_text([plans[order.name].truth for order in wanted])
         say(hashlib.sha256(text.encode()).hexdigest())
         work.mkdir()
         sealed.write_text(text, encoding="utf-8")
@@ -204,7 +206,7 @@ def plan_order(order: Order) -> CasePlan:
     return replace(plan, truth=truth)
 
 
-def key_text(truths: Sequence[dict[str, Any]]) -> str:
+def _key_text(truths: Sequence[dict[str, Any]]) -> str:
     """The key as JSON, one case a line so that two keys can be compared."""
     lines = ",\n".join(json.dumps(t, sort_keys=True, allow_nan=False) for t in truths)
     return f"[\n{lines}\n]\n"
@@ -214,7 +216,7 @@ def write_case(item: tuple[Path, CasePlan, KnownFile]) -> None:
     """Write the folder of a case."""
     folder, plan, known = item
     folder.mkdir()
-    text = dump(rounded(known(plan)))
+    text = dump(rounded_numbers(known(plan)))
     (folder / MACHINE).write_text(text, encoding="utf-8")
     _write_bag(folder / SHOWN, plan, plan.experiments())
     _write_bag(folder / FURTHER, plan, plan.further())

@@ -14,7 +14,7 @@ from ldt_core.base.experiment import Experiment, rms
 from ldt_core.lab.challenge.case_plant import ideal
 from ldt_core.lab.challenge.law import Law
 from ldt_core.lab.challenge.laws import LAWS, OUTSIDE
-from ldt_core.lab.challenge.simulation import Drive, Motion, free_run, simulate
+from ldt_core.lab.challenge.simulation import Drive, Motion, motion_from, motion_from_rest
 
 #: Kinds of excitation; those that turn the machine both ways.
 KINDS = (
@@ -221,7 +221,7 @@ class CaseBench:
         key = (number, *map(id, acting))
         if key not in self._motions:
             chance = self.setting.random(number, CHANCE)
-            motion = simulate(self.plant(acting, number), self.drive(number), chance)
+            motion = motion_from_rest(self.plant(acting, number), self.drive(number), chance)
             self._motions[key] = tuple(acting), motion
         return self._motions[key][1]
 
@@ -231,7 +231,7 @@ class CaseBench:
             return self._ideal[number]
         state = np.zeros_like(first)
         state[:FOUNDATION] = first[:FOUNDATION]
-        speed = free_run(self.plant((), number), self.drive(number), state).speed
+        speed = motion_from(self.plant((), number), self.drive(number), state).speed
         if self.setting.start not in ("running", "cut"):  # the same first state, whatever acts
             self._ideal[number] = speed
         return speed
@@ -286,7 +286,7 @@ class CaseBench:
         block = -(-volts.size // CONTROLS)
         for begin in range(block, volts.size, block):
             part = replace(drive, volts=volts[: max(begin, drive.warm + 2)])
-            motion = simulate(self.plant(acting, number), part, s.random(number, CHANCE))
+            motion = motion_from_rest(self.plant(acting, number), part, s.random(number, CHANCE))
             last = motion.speed.size - 1
             error = wanted[begin] - motion.speed[last] - noise[min(last, noise.size - 1)]
             total = float(np.clip(total + INTEGRAL * gain * error, -LEEWAY, LEEWAY))
@@ -294,7 +294,9 @@ class CaseBench:
                 drive.volts[begin : begin + block] + PROPORTIONAL * gain * error + total, 0.0, 24.0
             )
         driven = replace(drive, volts=volts)
-        return driven, simulate(self.plant(acting, number), driven, s.random(number, CHANCE))
+        return driven, motion_from_rest(
+            self.plant(acting, number), driven, s.random(number, CHANCE)
+        )
 
     def _shown(self, speed: Array, noise: Array) -> Array:
         """(L,) as the sensor shows it."""

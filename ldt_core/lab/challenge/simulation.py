@@ -53,7 +53,7 @@ class Motion:
         return self.states[:, 2]
 
 
-def simulate(
+def motion_from_rest(
     plant: Any, drive: Drive, random: np.random.Generator, tolerance: float = TOLERANCE
 ) -> Motion:
     """The machine's motion from rest, without what was before the first sample.
@@ -72,7 +72,7 @@ def simulate(
     return _run(plant, drive.volts, drive.warm, drive.period, state, random, tolerance)
 
 
-def free_run(plant: Any, drive: Drive, first: Array, tolerance: float = TOLERANCE) -> Motion:
+def motion_from(plant: Any, drive: Drive, first: Array, tolerance: float = TOLERANCE) -> Motion:
     """The motion of a machine that was in state `first` (n,) at the first sample."""
     volts = drive.volts[drive.warm :]
     return _run(plant, volts, 0, drive.period, first, np.random.default_rng(0), tolerance)

@@ -136,7 +136,7 @@ def facts_of(case: StudyCase, machine: Machine | None = None) -> Facts:
     """
     machine = machine or load_machine(case.machine)
     plant = Plant.from_settings(machine, case.resolved)
-    return examine(plant, stream(case, machine).experiments, case.seed)
+    return facts_of_plant(plant, stream(case, machine).experiments, case.seed)
 
 
 def stream_key(case: StudyCase) -> str:
@@ -147,7 +147,7 @@ def stream_key(case: StudyCase) -> str:
     return json_digest(decisive)[:20]
 
 
-def examine(plant: Plant, experiments: Sequence[Experiment], seed: int) -> Facts:
+def facts_of_plant(plant: Plant, experiments: Sequence[Experiment], seed: int) -> Facts:
     """The facts of a plant's stream.
 
     Args:
@@ -157,19 +157,19 @@ def examine(plant: Plant, experiments: Sequence[Experiment], seed: int) -> Facts
     """
     truth = [plant.schedule.value(e.number) for e in experiments]
     numbers = drifts_of(truth)
-    speeds = [free_run(plant, e, plant.acting(e.number)) for e in experiments]
+    speeds = [_free_run(plant, e, plant.acting(e.number)) for e in experiments]
     floor = [_max_error(e, y) for e, y in zip(experiments, speeds, strict=True)]
     drifts, late = [], list(floor)
-    late[0] = _max_error(experiments[0], free_run(plant, experiments[0], []))
+    late[0] = _max_error(experiments[0], _free_run(plant, experiments[0], []))
     for number, following in itertools.pairwise([*numbers, len(truth) + 1]):
         last = min(number + DETECTION_WINDOW, following) - 1
         window = range(number - 1, last)  # places in the rows
-        before = [free_run(plant, experiments[i], plant.acting(number - 1)) for i in window]
+        before = [_free_run(plant, experiments[i], plant.acting(number - 1)) for i in window]
         late[number - 1] = _max_error(experiments[number - 1], before[0])
         changes = [speeds[i] - old for i, old in zip(window, before, strict=True)]
         middle = (truth[number - 2] + truth[number - 1]) / 2
         halves = (
-            free_run(plant, experiments[i], _with_value(plant, number, middle)) - old
+            _free_run(plant, experiments[i], _with_value(plant, number, middle)) - old
             for i, old in zip(window[:PROMPT_WINDOW], before, strict=False)
         )
         samples = len(experiments[number - 1])
@@ -192,7 +192,7 @@ def examine(plant: Plant, experiments: Sequence[Experiment], seed: int) -> Facts
     return Facts(seed, plant.noise, *rows, tuple(drifts))
 
 
-def free_run(plant: Plant, experiment: Experiment, effects: Sequence[EffectUse]) -> Samples:
+def _free_run(plant: Plant, experiment: Experiment, effects: Sequence[EffectUse]) -> Samples:
     """(L,) speed by the machine file and these effects, from the first measured sample [rad/s]."""
     physics, values = plant.physics, plant.machine.parameters
     current = None if experiment.current is None else float(experiment.current[0])

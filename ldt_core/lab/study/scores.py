@@ -79,7 +79,7 @@ class RunScore:
         return asdict(self)
 
 
-def score(result: RunResult, facts: Facts | None = None) -> RunScore:
+def scores_of(result: RunResult, facts: Facts | None = None) -> RunScore:
     """The figures of a run.
 
     Args:

@@ -17,7 +17,7 @@ from ldt_core.lab.study.baselines import never
 from ldt_core.lab.study.facts import Facts, stream_key
 from ldt_core.lab.study.robustness.alarm_trials import AlarmCount
 from ldt_core.lab.study.robustness.robust_run import RobustRun
-from ldt_core.lab.study.scores import RunScore, score
+from ldt_core.lab.study.scores import RunScore, scores_of
 from ldt_core.lab.study.study_case import RunResult
 
 
@@ -153,7 +153,7 @@ class Evidence:
         """A result with its figures."""
         if id(result) not in self._runs:
             facts = self.study.facts_of(result)
-            self._runs[id(result)] = ScoredRun(result, score(result, facts), facts)
+            self._runs[id(result)] = ScoredRun(result, scores_of(result, facts), facts)
         return self._runs[id(result)]
 
     def baselines(self, result: RunResult) -> dict[str, ScoredRun]:

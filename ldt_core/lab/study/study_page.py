@@ -57,7 +57,7 @@ def write_figures(study: Study, out: Path | str) -> list[Path]:
     return [file for drawing in found if drawing for file in style.save(drawing, folder)]
 
 
-def write_page(study: Study, out: Path | str) -> Path:
+def write_study_page(study: Study, out: Path | str) -> Path:
     """Write OUT/study.html, which needs no network and no other file.
 
     Returns:

@@ -11,7 +11,7 @@ from typing import Any
 
 from ldt_core.base.result_files import write
 from ldt_core.lab.study.robustness.robust_run import DEFAULT, score_run
-from ldt_core.lab.study.scores import score
+from ldt_core.lab.study.scores import scores_of
 from ldt_core.lab.study.study import Evidence, Study
 from ldt_core.lab.study.study_plan import PAPER_DRIFTS
 
@@ -52,7 +52,7 @@ FIGURES = ("mme", "mme_original", "share", "adaptations", "precision", "recall")
 def table_rows(study: Study) -> list[dict[str, Any]]:
     """The rows of `table.csv`: one for each run of the groups paper and better."""
     runs = [e.result for e in study.entries if set(TABULATED) & set(e.groups)]
-    scores = [score(r, study.facts_of(r)) for r in runs]
+    scores = [scores_of(r, study.facts_of(r)) for r in runs]
     return [{n: getattr(s, n) for n in COLUMNS} for s in scores]
 
 
@@ -66,7 +66,7 @@ def run_rows(study: Study) -> list[dict[str, Any]]:
         rows.append(
             {
                 "groups": " ".join(entry.groups),
-                **score(entry.result, study.facts_of(entry.result)).as_dict(),
+                **scores_of(entry.result, study.facts_of(entry.result)).as_dict(),
                 **{n: None if n in silent else resolved[n] for n in SETTINGS},
                 "seconds": entry.result.seconds,
                 "beside": " ".join(entry.beside),
@@ -88,7 +88,7 @@ def robust_rows(study: Study) -> list[dict[str, Any]]:
     return rows
 
 
-def summary(study: Study) -> list[dict[str, Any]]:
+def summary_rows(study: Study) -> list[dict[str, Any]]:
     """For each model and detector of the groups paper and better: figures with their intervals.
 
     Each row has `group`, `model`, `detector`, `seeds`, the `FIGURES` as {value, low, high, count}
@@ -134,7 +134,7 @@ def _never_rows(study: Study) -> list[dict[str, Any]]:
         where = (case.seed, resolved["degradation"], resolved["start"])
         if where not in streams:
             never = study.baselines(entry.result)["never"]
-            figures = score(never, study.facts_of(never)).as_dict()
+            figures = scores_of(never, study.facts_of(never)).as_dict()
             settings = {n: None for n in SETTINGS}
             settings |= {n: resolved[n] for n in ("degradation", "start")}
             row = {"groups": "baseline", **figures, "model": "original", **settings}

@@ -99,11 +99,13 @@ def first_round(
     return [
         s
         for name in detectors
-        for s in settings_of(name, TUNED[name], np.geomspace(*ranges[name], values))
+        for s in candidate_settings(name, TUNED[name], np.geomspace(*ranges[name], values))
     ]
 
 
-def settings_of(detector: str, parameter: str, values: Iterable[float]) -> list[DetectorSetting]:
+def candidate_settings(
+    detector: str, parameter: str, values: Iterable[float]
+) -> list[DetectorSetting]:
     """One setting a value, rounded, in order and without repetitions."""
     whole = _is_whole(parameter)
     rounded = {float(round(v)) if whole else float(f"{v:.{DIGITS}g}") for v in values}
@@ -119,5 +121,7 @@ def second_round(best: DetectorSetting, tried: Iterable[DetectorSetting]) -> lis
     at = values.index(best.value)
     near = values[max(0, at - 1) : at + 2]
     between = [np.geomspace(a, b, BETWEEN + 2) for a, b in itertools.pairwise(near)]
-    fresh = settings_of(best.detector, best.parameter, [float(v) for row in between for v in row])
+    fresh = candidate_settings(
+        best.detector, best.parameter, [float(v) for row in between for v in row]
+    )
     return [s for s in fresh if s.value not in values]

@@ -228,7 +228,7 @@ class FalseAlarms:
         return self.law is not None and max(self.law, self.rate) * every <= 1 + 1e-9
 
 
-def false_alarms(detector: Detector, rows: Sequence[Row]) -> FalseAlarms:
+def false_alarm_rate(detector: Detector, rows: Sequence[Row]) -> FalseAlarms:
     """The false-alarm rate of a detector.
 
     Streams are drawn with replacement from whole experiments, so that what hangs together within

@@ -17,7 +17,7 @@ from ldt_core.base.errors import BadInput, LdtError
 from ldt_core.base.experiment import Action, Experiment, Level
 from ldt_core.detectors import build_detector
 from ldt_core.lab.tuning.candidates import DetectorSetting
-from ldt_core.lab.tuning.in_control import FalseAlarms, Row, false_alarms
+from ldt_core.lab.tuning.in_control import FalseAlarms, Row, false_alarm_rate
 from ldt_core.machine.machine_file import Machine
 from ldt_core.twin.loop import Twin, faultless
 
@@ -125,7 +125,7 @@ def _try(setting: DetectorSetting, job: Job) -> Tried:
         max_error=tuple(s.signal.max_error for s in steps),
         level=tuple(int(s.signal.level) for s in steps),
         action=tuple(str(s.adaptation.action) for s in steps),
-        false_alarms=false_alarms(detector, job.rows) if job.rows else None,
+        false_alarms=false_alarm_rate(detector, job.rows) if job.rows else None,
         seconds=round(seconds, 3),
     )
 

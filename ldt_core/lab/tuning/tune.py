@@ -27,9 +27,9 @@ from ldt_core.lab.tuning.candidates import (
     NEVER,
     TUNED,
     DetectorSetting,
+    candidate_settings,
     first_round,
     second_round,
-    settings_of,
 )
 from ldt_core.lab.tuning.choice import Budget, TuningChoice, best_of, choose, count
 from ldt_core.lab.tuning.in_control import (
@@ -245,10 +245,10 @@ def _by_budget(
     """The settings that the budget itself suggests."""
     found = []
     if budget.adaptations is not None and "window" in detectors:
-        found += settings_of("window", "window", [max(1, experiments // budget.adaptations)])
+        found += candidate_settings("window", "window", [max(1, experiments // budget.adaptations)])
     if budget.every is not None:
         if "window" in detectors:
-            found += settings_of("window", "window", [math.ceil(budget.every)])
+            found += candidate_settings("window", "window", [math.ceil(budget.every)])
         if "adequacy" in detectors:
             found.append(
                 DetectorSetting("adequacy", "false_alarm_every", float(max(budget.every, 10)))
@@ -256,7 +256,7 @@ def _by_budget(
         if "threshold" in detectors and known is not None:
             limit = limit_of(known.rows, budget.every)
             unit = 10.0 ** (math.floor(math.log10(limit)) - DIGITS + 1)  # of the last digit
-            found += settings_of("threshold", "threshold", [math.ceil(limit / unit) * unit])
+            found += candidate_settings("threshold", "threshold", [math.ceil(limit / unit) * unit])
     return found
 
 

@@ -19,7 +19,7 @@ from ldt_core.lab.tuning.trial import Tried
 from ldt_core.lab.tuning.tune import Tuning
 
 
-def sentence(found: Tuning) -> str:
+def choice_sentence(found: Tuning) -> str:
     """The choice in two sentences, or that there is none."""
     choice, budget = found.choice, found.budget.text
     acting = len(found.tried) - 1
@@ -123,14 +123,14 @@ def _per(rate: float) -> str:
 FILE, TABLE = "tune.json", "tune.csv"
 
 
-def as_dict(found: Tuning) -> dict[str, Any]:
+def tuning_record(found: Tuning) -> dict[str, Any]:
     """All of it as plain JSON; `settings` is what other commands take (--settings FILE)."""
     choice, control = found.choice, found.control
     best = choice.chosen
     return {
         "settings": settings(found),
         "options": best.setting.options if best else None,
-        "sentence": sentence(found),
+        "sentence": choice_sentence(found),
         "why": why(found),
         "budget": {
             "adaptations": found.budget.adaptations,
@@ -214,7 +214,7 @@ def is_of(out: Path | str, matter: str) -> bool:
 
 def write_results(found: Tuning, out: Path | str) -> None:
     """Write tune.json and tune.csv."""
-    write(Path(out) / FILE, json.dumps(as_dict(found), indent=1, allow_nan=False))
+    write(Path(out) / FILE, json.dumps(tuning_record(found), indent=1, allow_nan=False))
     table = rows(found)
     text = io.StringIO()
     writer = csv.DictWriter(text, list(table[0]), lineterminator="\n")

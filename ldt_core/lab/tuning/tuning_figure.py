@@ -11,7 +11,7 @@ from ldt_core.lab.tuning.candidates import NEVER
 from ldt_core.lab.tuning.choice import pareto
 from ldt_core.lab.tuning.trial import Tried
 from ldt_core.lab.tuning.tune import Tuning
-from ldt_core.lab.tuning.tune_files import sentence
+from ldt_core.lab.tuning.tune_files import choice_sentence
 from ldt_core.views.page import style
 from ldt_core.views.page.style import Drawing, Layout, look
 
@@ -55,7 +55,7 @@ def drawing(found: Tuning) -> Drawing:
     alt = "Mean maximum error against adaptations" + (
         "" if every is None else ", and against the rate of false alarms"
     )
-    return Drawing(NAME, "The choice and what else was tried", sentence(found), alt, draw)
+    return Drawing(NAME, "The choice and what else was tried", choice_sentence(found), alt, draw)
 
 
 def _rate(tried: Tried) -> float:

@@ -69,7 +69,7 @@ def as_json(diagnosis: Diagnosis) -> str:
     return json.dumps(diagnosis.as_dict(), allow_nan=False, indent=1) + "\n"
 
 
-def write_files(diagnosis: Diagnosis, folder: Path) -> None:
+def write_diagnosis(diagnosis: Diagnosis, folder: Path) -> None:
     """Write `diagnosis.json` and `diagnosis.html`."""
     write(folder / JSON, as_json(diagnosis))
     write(folder / PAGE, page(diagnosis, folder / JSON))

@@ -16,16 +16,16 @@ from ldt_core.views.packed_samples import PackedSamples
 from ldt_core.views.page.page_builder import Program, one_script, plot_library, render, view_file
 from ldt_core.views.report import report_sections
 from ldt_core.views.report.reported_run import ReportedRun, read_run
-from ldt_core.views.step_view import STATE_WORDS, DetectorStatistic, rounded, statistic
+from ldt_core.views.step_view import STATE_WORDS, DetectorStatistic, drawn_number, statistic
 
 STYLES = ("report/uplot/uPlot.min.css", "report/templates/run.css")
 #: Parts of one script, in the order in which they build on each other.
 PARTS = tuple(f"report/templates/{name}.js" for name in ("rows", "plot", "group", "page"))
 
-__all__ = ["ReportedRun", "page", "read_run", "write_page"]
+__all__ = ["ReportedRun", "page", "read_run", "write_run_page"]
 
 
-def write_page(recording: str | Path, out: str | Path, namespace: str = "") -> ReportedRun:
+def write_run_page(recording: str | Path, out: str | Path, namespace: str = "") -> ReportedRun:
     """Write the page of a recorded run."""
     run = read_run(recording, namespace)
     write(Path(out), page(run))
@@ -60,9 +60,9 @@ def plotted_data(run: ReportedRun, compared: DetectorStatistic) -> dict[str, Any
         **columns,
         "statistic": {
             "label": compared.label,
-            "value": [rounded(v) for v in compared.values],
-            "warning": [rounded(v) for v in compared.warning],
-            "drift": [rounded(v) for v in compared.drift],
+            "value": [drawn_number(v) for v in compared.values],
+            "warning": [drawn_number(v) for v in compared.warning],
+            "drift": [drawn_number(v) for v in compared.drift],
         },
         "states": STATE_WORDS,
         "worst": run.worst_first,

@@ -11,8 +11,8 @@ from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Level
 from ldt_core.base.model_state import NOT_JUDGED, headline_state, shown_state, times_noise
 from ldt_core.recording.node_status import HEALTH_TOPIC
-from ldt_core.views.step_view import rounded, statistic
-from ldt_core.views.watch.watched_machine import MOST_SAMPLES, WatchedMachine, text
+from ldt_core.views.step_view import drawn_number, statistic
+from ldt_core.views.watch.watched_machine import MOST_SAMPLES, WatchedMachine, shown_text
 
 MACHINES = 100  # that are shown, as many as a graph may have
 COURSE = 30  # errors in the overview, the last ones: about as many as a card has room for
@@ -67,7 +67,7 @@ class Fleet:
         with self._lock:
             machine = self._machine(namespace)
             if machine is not None:
-                machine.name = text(name) or machine.name
+                machine.name = shown_text(name) or machine.name
             self._changed()
 
     def feed(self, namespace: str, topic: str, record: Any) -> None:
@@ -164,13 +164,13 @@ class Fleet:
             if machine.streamed > since:
                 found["stream"] = machine.streamed_now()
             if last is not None:
-                found["label"] = text(statistic([last]).label)
+                found["label"] = shown_text(statistic([last]).label)
             if machine.diagnosis_changed > since:
                 d = machine.diagnosis
                 found["diagnosis"] = d and {
                     "experiment": d.experiment,
-                    "kind": text(d.kind),
-                    "sentence": text(d.sentence),
+                    "kind": shown_text(d.kind),
+                    "sentence": shown_text(d.sentence),
                 }
             return found
 
@@ -217,7 +217,7 @@ class Fleet:
         if machine.unreadable:
             trouble.append(f"unreadable messages: {machine.unreadable}")
         latest = [step.signal for step in list(machine.steps.values())[-COURSE:]]
-        course = [(rounded(s.max_error), int(s.level)) for s in latest if s is not None]
+        course = [(drawn_number(s.max_error), int(s.level)) for s in latest if s is not None]
         version = done.model_version if done else signal.model_version if signal else None
         return {
             "key": f"/{machine.namespace}",
@@ -231,10 +231,10 @@ class Fleet:
             "tone": state.tone,
             "noise": times_noise(signal.adequacy) if signal else "",
             "experiment": signal.experiment if signal else None,
-            "error": rounded(signal.max_error) if signal else None,
+            "error": drawn_number(signal.max_error) if signal else None,
             "version": version,
             "action": str(done.action) if done else "",
-            "diagnosis": text(diagnosis.sentence) if diagnosis else "",
+            "diagnosis": shown_text(diagnosis.sentence) if diagnosis else "",
             "trouble": "; ".join(trouble),
             "age": None if machine.fed_at is None else round(now - machine.fed_at, 1),
             "course": course,

@@ -20,7 +20,7 @@ from ldt_core.base.experiment import (
     Signal,
 )
 from ldt_core.recording.node_status import READY, NodeStatus, node_statuses
-from ldt_core.views.step_view import Row, StepView, belongs, rounded, statistic
+from ldt_core.views.step_view import Row, StepView, belongs, drawn_number, statistic
 
 # What bounds the memory: messages may come for ever, and a foreign one may be of any size.
 MOST_STEPS = 200  # as many as a page of a run is made for; older ones leave
@@ -59,14 +59,14 @@ class WatchedStep(StepView):
     def row(self) -> Row:
         """Its figures and what its detector compared, in JSON types."""
         row = super().row()
-        row |= {"drawn": self.drawn, "reason": text(row["reason"])}
+        row |= {"drawn": self.drawn, "reason": shown_text(row["reason"])}
         if self.signal is None:
             return row | dict.fromkeys(("value", "warning", "drift"))
         compared = statistic([self.signal])
         return row | {
-            "value": rounded(compared.values[0]),
-            "warning": rounded(compared.warning[0]),
-            "drift": rounded(compared.drift[0]),
+            "value": drawn_number(compared.values[0]),
+            "warning": drawn_number(compared.warning[0]),
+            "drift": drawn_number(compared.drift[0]),
         }
 
 
@@ -229,7 +229,7 @@ class WatchedMachine:
     def misread(self, sentence: str) -> None:
         """Count a message that could not be read."""
         self.unreadable += 1
-        self.last_unreadable = text(sentence)
+        self.last_unreadable = shown_text(sentence)
 
     def _measured(self, record: Experiment, count: int, now: float, moment: float | None) -> None:
         if len(record) > LONGEST:
@@ -286,7 +286,7 @@ class WatchedMachine:
         _bounded("model version", record.version)
         known = record.version in self.models
         learned = [n for n in record.trained_on if n <= GREATEST][-MOST_LEARNED:]
-        self.models[record.version] = (count, text(record.kind), learned)
+        self.models[record.version] = (count, shown_text(record.kind), learned)
         if len(self.models) > MOST_MODELS:
             del self.models[min(self.models)]
         if not known and record.version:
@@ -296,10 +296,10 @@ class WatchedMachine:
     def _event(
         self, count: int, moment: float | None, number: int | None, kind: str, words: str
     ) -> None:
-        self.events.append((count, moment, number, kind, text(words)))
+        self.events.append((count, moment, number, kind, shown_text(words)))
 
 
-def text(words: str) -> str:
+def shown_text(words: str) -> str:
     """Cut to what is shown."""
     return words if len(words) <= MOST_CHARACTERS else words[: MOST_CHARACTERS - 1] + "…"
 

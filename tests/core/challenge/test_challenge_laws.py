@@ -15,7 +15,7 @@ from ldt_core.lab.challenge.case_plan import LEAST_EXPLAINED_SHARE, plan_case
 from ldt_core.lab.challenge.case_plant import STATES, ideal
 from ldt_core.lab.challenge.laws import LAWS, OUTSIDE
 from ldt_core.lab.challenge.rig import KINDS, CaseBench, draw_excitation
-from ldt_core.lab.challenge.simulation import Drive, simulate
+from ldt_core.lab.challenge.simulation import Drive, motion_from_rest
 from ldt_core.machine.machine_file import load_machine, machine_from_dict
 
 pytestmark = pytest.mark.slow
@@ -33,7 +33,7 @@ def motion(volts, **fields):
     plant = ideal(ROTOR.parameters)
     for name, value in fields.items():
         plant[name] = value
-    return simulate(plant, Drive(np.asarray(volts, float), 0, PERIOD), RANDOM)
+    return motion_from_rest(plant, Drive(np.asarray(volts, float), 0, PERIOD), RANDOM)
 
 
 def state(moved, name):
@@ -50,7 +50,7 @@ def test_without_a_law_the_rotor_moves_as_the_twins_physics_says(e, kind):
     machine = ROTOR.with_parameters(e=e)
     rest = machine.model.initial_state(machine.parameters, 0.0)
     twin = machine.model.simulate(machine.parameters, volts, PERIOD, rest, max_step=1e-4)
-    ours = simulate(ideal(machine.parameters), Drive(volts, 0, PERIOD), RANDOM)
+    ours = motion_from_rest(ideal(machine.parameters), Drive(volts, 0, PERIOD), RANDOM)
     np.testing.assert_allclose(ours.speed, twin[:, 1], atol=1e-6)
     np.testing.assert_allclose(ours.current, twin[:, 2], atol=1e-6)
 
@@ -168,7 +168,7 @@ def test_pieces_of_one_record_go_on_where_the_last_one_ended():
     one, next_one = bench.run((), 4), bench.run((), 5)
     whole, count = bench.drive(5).volts, plan.setting.samples
     np.testing.assert_allclose(bench.drive(4).volts, whole[: whole.size - count])
-    moved = simulate(ideal(plan.setting.known), bench.drive(5), RANDOM)
+    moved = motion_from_rest(ideal(plan.setting.known), bench.drive(5), RANDOM)
     np.testing.assert_allclose(moved.states, next_one.states)
     step = np.abs(next_one.speed[0] - one.speed[-1])
     assert step <= 1.5 * np.abs(np.diff(np.concatenate([one.speed, next_one.speed]))).max()

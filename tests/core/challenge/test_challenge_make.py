@@ -20,7 +20,7 @@ from ldt_core.base.experiment import rms
 from ldt_core.cli.challenge import command
 from ldt_core.lab.challenge.case_plan import FURTHER, KINDS, MEMBERS, plan_case
 from ldt_core.lab.challenge.laws import LAWS, OUTSIDE
-from ldt_core.lab.challenge.make import SHARES, make_challenge, orders, plan_order
+from ldt_core.lab.challenge.make import SHARES, case_orders, make_challenge, plan_order
 from ldt_core.lab.challenge.rig import ALIKE, OTHER, SHOWN, CaseBench
 from ldt_core.machine.machine_file import load_machine
 from ldt_core.recording.bag import experiments, read_bag
@@ -60,7 +60,7 @@ def test_the_same_command_gives_the_same_key_and_the_same_recordings(made, tmp_p
         for a, b in zip(experiments(file).experiments, experiments(twin).experiments, strict=True):
             assert np.array_equal(a.voltage, b.voltage)
             assert np.array_equal(a.speed, b.speed)
-    assert orders(CASES, 8) != orders(CASES, 7)
+    assert case_orders(CASES, 8) != case_orders(CASES, 7)
 
 
 def test_a_cases_folder_holds_two_recordings_and_a_machine_file(made):
@@ -116,7 +116,7 @@ def test_the_key_says_what_acts_and_how_much_of_it(made):
 @given(cases=st.integers(1, 400), seed=st.integers(0, 2**32 - 1))
 def test_the_mix_has_its_shares_and_every_effect_in_turn(cases, seed):
     """Counts within one of the shares, effects within one of each other, whatever the number."""
-    made = orders(cases, seed)
+    made = case_orders(cases, seed)
     kinds = Counter(o.kind for o in made)
     assert len(made) == cases == len({o.seed for o in made})
     for kind, share in SHARES.items():
@@ -127,7 +127,7 @@ def test_the_mix_has_its_shares_and_every_effect_in_turn(cases, seed):
 
 def test_the_order_of_the_cases_is_shuffled():
     """Kinds come in no runs: neighbours are no more alike than chance has it."""
-    kinds = [o.kind for o in orders(400, 1)]
+    kinds = [o.kind for o in case_orders(400, 1)]
     alike = np.mean([a == b for a, b in itertools.pairwise(kinds)])
     chance = sum((share / 100) ** 2 for share in SHARES.values())
     assert alike == pytest.approx(chance, abs=0.1)
@@ -135,7 +135,7 @@ def test_the_order_of_the_cases_is_shuffled():
 
 def test_leaving_one_out_takes_each_effect_in_turn():
     """Single effects only, each the one that the diagnosis has to do without."""
-    made = orders(2 * len(LAWS), 1, leave_one_out=True)
+    made = case_orders(2 * len(LAWS), 1, leave_one_out=True)
     assert Counter(o.left_out for o in made) == dict.fromkeys(LAWS, 2)
     assert all(o.kind == "single" and o.effects == (o.left_out,) for o in made)
 
@@ -235,5 +235,5 @@ def test_the_key_knows_the_noise_as_it_fell_out_on_further_experiments():
 
 def test_every_experiment_of_a_planned_case_can_be_simulated():
     """Under its speed controller, this machine diverged when its case was written."""
-    plan = plan_order(orders(60, 20271207)[7])
+    plan = plan_order(case_orders(60, 20271207)[7])
     assert len([*plan.experiments(), *plan.further()]) == SHOWN + len(FURTHER)

@@ -192,7 +192,7 @@ def test_the_command_diagnoses_scores_and_prints_the_hash_first(made, tmp_path, 
         found = json.loads((tmp_path / "score" / case / "diagnosis.json").read_text())
         assert {"verdict", "gap", "where", "candidates", "effects"} < set(found)
         about = {"case": score.file_digest(out / case), "left_out": None}
-        assert kept.read(case, "diagnosis", {**sealed.stamp(), **about}).seconds > 0
+        assert kept.read(case, "diagnosis", {**sealed.answer_stamp(), **about}).seconds > 0
 
 
 def test_a_command_works_after_the_command_run_was_imported(capsys):

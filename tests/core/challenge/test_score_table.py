@@ -8,7 +8,7 @@ import pytest
 from fake_answers import answer, further, judged, truth
 
 from ldt_core.lab.challenge.score.score import ChallengeScore
-from ldt_core.lab.challenge.score.score_files import confusion, write_files
+from ldt_core.lab.challenge.score.score_files import confusion, write_score
 from ldt_core.lab.challenge.score.score_table import ScoreTable
 from ldt_core.lab.statistics import proportion, resampled
 
@@ -89,7 +89,7 @@ def test_a_score_is_written_as_numbers_a_table_and_a_picture(tmp_path):
     score = ChallengeScore(
         {"answers.json": "f" * 64}, found, ScoreTable(found), {"ldt": "1", "code": "2"}
     )
-    files = write_files(score, tmp_path)
+    files = write_score(score, tmp_path)
     assert all(f.stat().st_size for f in files)
     assert {f.name for f in files} == {"score.md", "score.json", "confusion.png"}
     assert (tmp_path / "confusion.svg").exists()

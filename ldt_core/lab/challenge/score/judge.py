@@ -88,7 +88,7 @@ def judge(truth: Truth, answer: CaseAnswer) -> Judged:
         answer,
         result,
         group if truth.kind in INSIDE else None,
-        amounts(truth, answer) if result == "outright" else (),
+        _amounts(truth, answer) if result == "outright" else (),
         place(truth, answer),
         closure(truth, answer, noise),
     )
@@ -126,7 +126,7 @@ def matched(effects: Sequence[str], acting: Sequence[Sequence[str]]) -> dict[str
     return best
 
 
-def amounts(truth: Truth, answer: CaseAnswer) -> tuple[ParameterError, ...]:
+def _amounts(truth: Truth, answer: CaseAnswer) -> tuple[ParameterError, ...]:
     """Every parameter to which the key gives a value."""
     given = {c["effect"]: c["parameters"] for c in (answer.found or {}).get("candidates", [])}
     found = []

@@ -17,7 +17,13 @@ from ldt_core.lab.challenge.score.answer import DIAGNOSIS, Answers, CaseAnswer
 from ldt_core.lab.challenge.score.judge import Judged, judge
 from ldt_core.lab.challenge.score.key import Truth, left_out, read_keys, sha256
 from ldt_core.lab.challenge.score.score_table import ScoreTable
-from ldt_core.lab.challenge.score.sealed import AnswerTask, answer, cases, check_entries, stamp
+from ldt_core.lab.challenge.score.sealed import (
+    AnswerTask,
+    answer,
+    answer_stamp,
+    cases,
+    check_entries,
+)
 
 OUT_SUFFIX = ".score"
 SAME_CASES = "diagnosis, same cases"  # those that comparators answered, if these are fewer
@@ -102,7 +108,7 @@ def score_challenge(
         notes.append(f"comparators answered the first {subset} of {len(names)} cases only")
     if comparators and not installed():
         notes.append("sparse_regression needs PySINDy, which is not installed, and is left out")
-    return ChallengeScore(sums, judged, ScoreTable(judged), stamp(), tuple(notes))
+    return ChallengeScore(sums, judged, ScoreTable(judged), answer_stamp(), tuple(notes))
 
 
 def _able() -> list[str]:
@@ -132,7 +138,7 @@ def _answers(
     for name, folder in sealed.items():
         about = {"case": file_digest(folder), "left_out": without[name]}
         for w in (w for w, those in answering.items() if name in those):
-            origins[w, name] = {**stamp(w), **about}
+            origins[w, name] = {**answer_stamp(w), **about}
             known = store.read(name, w, origins[w, name])
             if known is not None:
                 found[w, name] = known
@@ -147,7 +153,7 @@ def _answers(
     progress(len(found), total)
     jobs, scheduler = where
     # Workers of another version would answer as another version: the stamp that knows most decides.
-    identity = functools.partial(stamp, list(answering)[-1])
+    identity = functools.partial(answer_stamp, list(answering)[-1])
     with Workers(jobs, scheduler, identity) as workers:
         for task, made in workers.map(answer, tasks):
             for one in made:

@@ -56,7 +56,7 @@ QUALITY = (
 SHARES = ("right", "wrong", "failed", "place", "amounts: 9", "amounts: rel", "closure")
 
 
-def cell(estimate: Interval | None, figure: str) -> str:
+def _cell(estimate: Interval | None, figure: str) -> str:
     """A figure with interval and count, shares in percent: "86 % [81, 90] of 300"."""
     if estimate is None or estimate.value is None:
         return ""
@@ -77,7 +77,7 @@ def side_by_side(score: ChallengeScore) -> tuple[list[str], list[list[str]]]:
     rows = []
     for figure, kind, words in wanted:
         if score.table.get(DIAGNOSIS, figure, kind) is not None:
-            rows.append([words, *(cell(score.table.get(w, figure, kind), figure) for w in who)])
+            rows.append([words, *(_cell(score.table.get(w, figure, kind), figure) for w in who)])
     return ["", *who], rows
 
 
@@ -101,7 +101,7 @@ def markdown(score: ChallengeScore, picture: str = "") -> str:
     return "\n".join(lines) + "\n"
 
 
-def write_files(score: ChallengeScore, folder: str | Path) -> list[Path]:
+def write_score(score: ChallengeScore, folder: str | Path) -> list[Path]:
     """Write score.json, score.md and the pictures.
 
     Returns:
@@ -111,13 +111,13 @@ def write_files(score: ChallengeScore, folder: str | Path) -> list[Path]:
         LdtError: matplotlib is not installed.
     """
     out = Path(folder)
-    write(out / "score.json", json.dumps(as_dict(score), allow_nan=False, indent=1) + "\n")
+    write(out / "score.json", json.dumps(score_record(score), allow_nan=False, indent=1) + "\n")
     picture = write_picture(score.judged[DIAGNOSIS], out)
     write(out / "score.md", markdown(score, picture))
     return [out / "score.md", out / "score.json", *([out / picture] if picture else [])]
 
 
-def as_dict(score: ChallengeScore) -> dict[str, Any]:
+def score_record(score: ChallengeScore) -> dict[str, Any]:
     """The content of `score.json`."""
     return {
         "keys": [{"file": file, "sha256": digest} for file, digest in score.keys.items()],

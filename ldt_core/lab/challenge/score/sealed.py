@@ -131,7 +131,7 @@ class AnswerTask:
 
 
 @functools.cache
-def stamp(who: str = DIAGNOSIS) -> dict[str, str]:
+def answer_stamp(who: str = DIAGNOSIS) -> dict[str, str]:
     """What decides an answer: code and libraries."""
     known = dict(code_version())
     if who != DIAGNOSIS:

@@ -248,6 +248,6 @@ def means_of(figures: Sequence[tuple[BySeed, Figure]], unit: str = "") -> str:
     return " and ".join(f"{number(m)}{unit}" for m in means if m is not None)
 
 
-def text_of(value: float | None, digits: int = 3) -> str:
+def figure_text(value: float | None, digits: int = 3) -> str:
     """A figure in words."""
     return "unknown" if value is None else number(value, digits)

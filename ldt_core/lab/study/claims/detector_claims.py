@@ -19,10 +19,10 @@ from ldt_core.lab.study.claims.claim import (
     ModelUnderDetector,
     Statement,
     adaptations,
+    figure_text,
     left,
     mme,
     of_each,
-    text_of,
 )
 from ldt_core.lab.study.study import Evidence, ScoredRun, difference, over, ratio, shares
 from ldt_core.lab.study.study_plan import PAPER_MODELS
@@ -47,7 +47,7 @@ def above_chance(figure: str) -> Examine:
     def note(at: ModelUnderDetector) -> str:
         figures = (attrgetter(f"score.{name}") for name in (figure, f"chance_{figure}"))
         own, by_chance = (over(at.runs, f).value for f in figures)
-        return f"{text_of(own, 2)} against {text_of(by_chance, 2)}"
+        return f"{figure_text(own, 2)} against {figure_text(by_chance, 2)}"
 
     return of_each(ACTIVE, PAPER_MODELS, lambda at: over(at.runs, gain), note, low=0.0)
 
@@ -76,7 +76,7 @@ def quiet_at_first(evidence: Evidence) -> Iterator[ClaimPart]:
     for detector in ACTIVE:
         counts = [sum(r.adapted[: _onset(r)]) for r in _touching(evidence, detector)]
         share = proportion(sum(c == 0 for c in counts), len(counts))
-        note = f"{text_of(mean(counts).value)} adaptations a stream"
+        note = f"{figure_text(mean(counts).value)} adaptations a stream"
         yield ClaimPart(detector, share, low=QUIET_SHARE, note=note)
 
 
@@ -95,7 +95,8 @@ def residence(evidence: Evidence) -> Iterator[ClaimPart | str]:
     if runs:
         counts = over(runs, by_stay).value
         if counts is not None:
-            yield f"With the length of the stay their number correlates by {text_of(counts, 2)}."
+            by = figure_text(counts, 2)
+            yield f"With the length of the stay their number correlates by {by}."
 
 
 def _touching(evidence: Evidence, detector: str) -> list[ScoredRun]:
@@ -129,7 +130,7 @@ def _alertness(run: ScoredRun) -> float | None:
 
 def _spent(at: ModelUnderDetector) -> str:
     own, window = (over(runs, adaptations).value for runs in (at.runs, at.beside("", PASSIVE)))
-    return f"adaptations {text_of(own)} against {text_of(window)}"
+    return f"adaptations {figure_text(own)} against {figure_text(window)}"
 
 
 DETECTOR_CLAIMS = (

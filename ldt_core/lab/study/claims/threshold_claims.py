@@ -83,8 +83,8 @@ def best_between_the_ends(evidence: Evidence) -> Iterator[ClaimPart | str]:
 def turns_under_lddm(evidence: Evidence) -> Iterator[ClaimPart | str]:
     """Panel b, hybrid model."""
     curves = _curves(evidence.sweep("hybrid", "lddm"), mme)
-    yield ClaimPart("lddm", mean(turns(y) for _, y in curves), low=ONE_TURN, note=_spread(curves))
-    other = mean(turns(y) for _, y in _curves(evidence.sweep("hybrid", "threshold"), mme))
+    yield ClaimPart("lddm", mean(_turns(y) for _, y in curves), low=ONE_TURN, note=_spread(curves))
+    other = mean(_turns(y) for _, y in _curves(evidence.sweep("hybrid", "threshold"), mme))
     if other.count:
         yield f"Under the threshold detector {other.text()}."
 
@@ -111,7 +111,7 @@ def range_of_adaptations(evidence: Evidence) -> Iterator[ClaimPart]:
         yield ClaimPart(model, gain, low=0.0)
 
 
-def turns(row: list[float]) -> int:
+def _turns(row: list[float]) -> int:
     """How often a row changes from rising to falling or back; equal neighbours do not count.
 
     >>> turns([3.0, 1.0, 1.0, 2.0]), turns([1.0, 2.0, 1.0, 2.0])

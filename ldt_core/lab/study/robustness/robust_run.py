@@ -195,10 +195,10 @@ def run_robust(task: RobustTask) -> RobustRun:
         return run_setup(task, trial.stream(task.seed, task.experiments), trial.settings, None)
     given = STREAMS[task.stream](task.seed, task.experiments)
     detector = StrawMan() if task.setup == STRAW_MAN else None
-    return run_setup(task, given, settings_of(task.setup, given.machine), detector)
+    return run_setup(task, given, _settings_of(task.setup, given.machine), detector)
 
 
-def settings_of(setup: str, machine: Machine) -> dict[str, Any]:
+def _settings_of(setup: str, machine: Machine) -> dict[str, Any]:
     """The settings of a twin for a machine.
 
     The straw man's model is told the cause that the machine's file names for its wear.

@@ -21,7 +21,7 @@ from ldt_core.lab.study.robustness.true_plant import (
     Condition,
     LibraryPlant,
     TruePlant,
-    condition,
+    condition_of,
 )
 from ldt_core.machine.degradation import Schedule
 from ldt_core.machine.excitation import excitation
@@ -144,7 +144,7 @@ class StreamKind:
                 acting.setdefault(effect, {})[parameter] = value
             for wear, value in zip(self.wears, values, strict=True):
                 acting.setdefault(wear.effect, {})[wear.parameter] = value
-            found.append(condition(acting))
+            found.append(condition_of(acting))
         return tuple(found)
 
     def _experiment(

@@ -12,7 +12,7 @@ from ldt_core.base.experiment import Samples
 from ldt_core.effects import get_effect
 from ldt_core.lab.challenge.case_plant import ideal
 from ldt_core.lab.challenge.laws import LAWS, OUTSIDE
-from ldt_core.lab.challenge.simulation import Drive, simulate
+from ldt_core.lab.challenge.simulation import Drive, motion_from_rest
 from ldt_core.machine.machine_file import Machine
 from ldt_core.physics.base import ANGLE
 
@@ -23,7 +23,7 @@ SIZE = "size"
 SHAPE = 9  # random stream that shapes a law, apart from those of the experiments
 
 
-def condition(acting: Mapping[str, Mapping[str, float]]) -> Condition:
+def condition_of(acting: Mapping[str, Mapping[str, float]]) -> Condition:
     """These effects with their values, without those that change nothing."""
     return tuple(
         (name, tuple(sorted(given.items()))) for name, given in acting.items() if _acts(name, given)
@@ -90,4 +90,4 @@ class ChallengePlant(TruePlant):
             law.put(plant, law.values(dict(given)[SIZE], shape, known), shape, 1.0)
         drive = Drive(np.asarray(volts), 0, self.machine.sample_period, angle)
         # None of the laws of the streams has chance in it.
-        return simulate(plant, drive, np.random.default_rng(self.seed)).speed
+        return motion_from_rest(plant, drive, np.random.default_rng(self.seed)).speed
