@@ -32,6 +32,7 @@ from ldt_core.lab.study.study_case import StudyCase
 from ldt_core.machine import Plant
 from ldt_core.machine.machine_file import Machine, load_machine
 from ldt_core.machine.plant import EffectUse
+from ldt_core.models.physics import PhysicsModel
 
 FALSE_ALARM = 1e-3  # of the test that decides what is detectable, per experiment: one in 1000
 POWER = 0.9  # probability with which it has to find a drift in one experiment
@@ -194,11 +195,7 @@ def facts_of_plant(plant: Plant, experiments: Sequence[Experiment], seed: int) -
 
 def _free_run(plant: Plant, experiment: Experiment, effects: Sequence[EffectUse]) -> Samples:
     """(L,) speed by the machine file and these effects, from the first measured sample [rad/s]."""
-    physics, values = plant.physics, plant.machine.parameters
-    current = None if experiment.current is None else float(experiment.current[0])
-    initial = physics.initial_state(values, float(experiment.speed[0]), current)
-    states = physics.simulate(values, experiment.voltage, experiment.period, initial, effects)
-    return physics.measure(states, experiment.period, effects)
+    return PhysicsModel(plant.machine, effects=effects).predict(experiment).speed
 
 
 @functools.lru_cache(maxsize=64)
