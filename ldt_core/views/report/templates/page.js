@@ -3,10 +3,6 @@ const rank = RUN.worst.reduce((ranks, index, i) => {
   ranks[index] = i;
   return ranks;
 }, []);
-const short = (i) =>
-  `experiment ${RUN.number[i]}: error ${four(RUN.error[i])} rad/s` +
-  (RUN.original[i] == null ? "" : `, original model ${four(RUN.original[i])} rad/s`) +
-  `; ${said(i)}`;
 const course = Group(
   "course",
   (i) => {
@@ -18,28 +14,15 @@ const course = Group(
 const experiment = Group(
   "experiment",
   () => {},
-  (i, rows) =>
-    `${four(experiment.x[i])} s: ` +
-    []
-      .concat(...Object.values(rows))
-      .map(([label, values]) => `${label} ${four(values[i])}`)
-      .join(", "),
+  (i, rows) => samplesAt(experiment.x, rows, i),
 );
 
 function tell() {
-  const model = RUN.models[RUN.version[chosen]] || { kind: "", learned: [] };
-  const numbers =
-    model.learned.length > 12
-      ? `${model.learned.length} experiments, ${model.learned[0]} the first`
-      : model.learned.join(", ");
-  const from = model.learned.length
-    ? `learned from ${model.learned.length > 1 && model.learned.length <= 12 ? "experiments " : model.learned.length > 1 ? "" : "experiment "}${numbers}`
-    : "untrained";
   const lines = [
     `${short(chosen)[0].toUpperCase()}${short(chosen).slice(1)} (number ${rank[chosen] + 1} of ${RUN.worst.length}, worst first).`,
-    `Predicted by version ${RUN.version[chosen]}${model.kind && ` (${model.kind}, ${from})`}.`,
+    `Predicted by version ${RUN.version[chosen]}${about(RUN.models[RUN.version[chosen]])}.`,
   ];
-  if (RUN.action[chosen]) lines.push(`Adaptor: ${DONE[RUN.action[chosen]] || RUN.action[chosen]}; ${RUN.reason[chosen]}.`);
+  if (RUN.action[chosen]) lines.push(adaptorOf(chosen));
   const diagnosis = RUN.diagnoses[RUN.number[chosen]];
   if (diagnosis) lines.push(`Diagnosis: ${diagnosis}`);
   at("told").replaceChildren(...lines.map((line) => make("p", line)));

@@ -13,6 +13,33 @@ const brief = (state) => RUN.states[state][0].split(":")[0];
 const noiseOf = (i) => (RUN.noise[i] == null ? "" : `error ${+RUN.noise[i].toPrecision(2)} times the noise`);
 const said = (i) =>
   [stateOf(i)[0], noiseOf(i), `detector: ${WORDS[RUN.level[i]]}`].filter(Boolean).join(", ");
+const short = (i) => {
+  const judged = RUN.error[i] != null;
+  return (
+    `experiment ${RUN.number[i]}: ` +
+    (judged ? `error ${four(RUN.error[i])} rad/s` : "not judged yet") +
+    (RUN.original[i] == null ? "" : `, original model ${four(RUN.original[i])} rad/s`) +
+    (judged ? `; ${said(i)}` : "")
+  );
+};
+const adaptorOf = (i) =>
+  `Adaptor: ${DONE[RUN.action[i]] || RUN.action[i]}; ${RUN.reason[i]}.`;
+function about(model) {
+  // what a model is, and what it has learned from
+  if (!model) return "";
+  const { kind, learned } = model,
+    many = learned.length > 12;
+  const named = many
+    ? `${learned.length} experiments, ${learned[0]} the first`
+    : `experiment${learned.length > 1 ? "s" : ""} ${learned.join(", ")}`;
+  return ` (${kind}, ${learned.length ? `learned from ${named}` : "untrained"})`;
+}
+const samplesAt = (x, rows, i) =>
+  `${four(x[i])} s: ` +
+  Object.values(rows)
+    .flat()
+    .map(([label, values]) => `${label} ${four(values[i])}`)
+    .join(", ");
 const PAINTS = { good: "green", found: "sky", bad: "vermilion", vague: "orange", open: "grey" };
 const HEIGHTS = {
   error: 260,

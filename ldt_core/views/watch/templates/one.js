@@ -17,23 +17,8 @@ const course = Group(
 const experiment = Group(
   "experiment",
   () => {},
-  (i, rows) =>
-    `${four(experiment.x[i])} s: ` +
-    []
-      .concat(...Object.values(rows))
-      .map(([label, values]) => `${label} ${four(values[i])}`)
-      .join(", "),
+  (i, rows) => samplesAt(experiment.x, rows, i),
 );
-
-function short(i) {
-  const judged = RUN.error[i] != null;
-  return (
-    `experiment ${RUN.number[i]}: ` +
-    (judged ? `error ${four(RUN.error[i])} rad/s` : "not judged yet") +
-    (RUN.original[i] == null ? "" : `, original model ${four(RUN.original[i])} rad/s`) +
-    (judged ? `; ${said(i)}` : "")
-  );
-}
 
 function forget() {
   seen = { steps: new Map(), events: [], models: {} };
@@ -216,21 +201,13 @@ function showChoice() {
       model = seen.models[version];
     lines.push(`${s[0].toUpperCase()}${s.slice(1)}.`);
     if (version != null) lines.push(`Predicted by version ${version}${about(model)}.`);
-    if (RUN.action[chosen]) lines.push(`Adaptor: ${DONE[RUN.action[chosen]] || RUN.action[chosen]}; ${RUN.reason[chosen]}.`);
+    if (RUN.action[chosen]) lines.push(adaptorOf(chosen));
   } else if (number != null) lines.push(`Experiment ${number} is too long ago to be shown.`);
   at("told").setAttribute("aria-live", following ? "off" : "polite");
   if (told !== lines.join("\n")) {
     told = lines.join("\n");
     at("told").replaceChildren(...lines.map((line) => make("p", line)));
   }
-}
-
-function about(model) {
-  if (!model) return "";
-  const { kind, learned } = model;
-  if (!learned.length) return ` (${kind}, untrained)`;
-  const named = learned.length > 8 ? `${learned.length} experiments` : learned.join(", ");
-  return ` (${kind}, learned from ${learned.length > 8 ? "" : learned.length > 1 ? "experiments " : "experiment "}${named})`;
 }
 
 function sinceWhen() {
