@@ -25,6 +25,7 @@ from ldt_core.estimation.grey_box import (
     GreyBox,
     Prior,
 )
+from ldt_core.estimation.least_squares import damped_step
 from ldt_core.estimation.misfit import misfit, setting
 
 #: Difference quotients: of a coordinate. Their rounding error and their curvature error are alike
@@ -96,6 +97,7 @@ class GreyBoxProblem:
         own = np.full(self.size - box.size, np.inf)
         self._low = np.concatenate([box.low, -own])
         self._high = np.concatenate([box.high, own])
+        self._longest = np.concatenate([np.full(box.size, LONGEST_STEP), own])
         k = len(box.uncertain)
         self._precision = np.zeros((self.size, self.size))
         self._precision[:k, :k] = prior.precision
@@ -238,13 +240,9 @@ class GreyBoxProblem:
         self, x: Array, information: Array, slope: Array, free: NDArray[np.bool_], damping: float
     ) -> Array:
         """Coordinates behind a damped step."""
-        step_to = np.zeros(self.size)
-        scaled = information[np.ix_(free, free)]
-        diagonal = np.diag(scaled)
-        scaled = scaled + np.diag(damping * diagonal + 1e-12 * (diagonal.max() + 1e-300))
-        step_to[free] = -np.linalg.solve(scaled, slope[free])
-        step_to /= max(1.0, float(np.abs(step_to[: self.box.size]).max()) / LONGEST_STEP)
-        return np.clip(x + step_to, self._low, self._high)
+        by, inner = np.zeros(self.size), np.ix_(free, free)
+        by[free] = damped_step(information[inner], slope[free], damping, self._longest[free])
+        return np.clip(x + by, self._low, self._high)
 
     def explains(self, x: Array, gain: float, step: float) -> bool:
         """Whether the innovations are noise, of a free run the residuals."""

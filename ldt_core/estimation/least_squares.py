@@ -2,7 +2,8 @@
 
 A fit gives its residuals in noise deviations; a prior is one more row, (z - mean) / deviation.
 `trust_region` is the rule; `levenberg_marquardt` is for free runs that are linear over a small step
-only. `linear.levenberg_marquardt` is apart: its residuals never exist as rows.
+only, and `grey_box_problem` descends by the same `damped_step`, several tried side by side.
+`linear.levenberg_marquardt` is apart: its residuals never exist as rows.
 """
 
 from __future__ import annotations
@@ -104,13 +105,10 @@ def levenberg_marquardt(
     for _ in range(steps):
         slopes = jacobian(z)
         normal, slope = slopes.T @ slopes, slopes.T @ rows
-        scale = np.diag(normal) + CURVATURE_FLOOR * max(float(np.diag(normal).max()), 1e-300)
         loss = float(rows @ rows)
         moved, better = z, rows
         while damping < MOST_DAMPING:
-            step = np.linalg.solve(normal + damping * np.diag(scale), -slope)
-            step = step / max(1.0, float(np.max(np.abs(step) / longest)))
-            moved = np.clip(z + step, low, high)
+            moved = np.clip(z + damped_step(normal, slope, damping, longest), low, high)
             better = residual(moved)
             if float(better @ better) < loss:
                 break
@@ -123,6 +121,14 @@ def levenberg_marquardt(
         if float(change @ change) < least_change**2 * loss / max(rows.size, 1):
             break
     return z
+
+
+def damped_step(normal: Array, slope: Array, damping: float, longest: Array) -> Array:
+    """(p,) Marquardt's step for JᵀJ (p, p) and Jᵀr (p,), no coordinate longer than (p,)."""
+    diagonal = np.diag(normal)
+    floor = CURVATURE_FLOOR * max(float(diagonal.max()), 1e-300)
+    step = np.linalg.solve(normal + np.diag(damping * diagonal + floor), -slope)
+    return np.asarray(step / max(1.0, float(np.max(np.abs(step) / longest))))
 
 
 class ForwardDifferences:
