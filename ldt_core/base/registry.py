@@ -17,7 +17,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from ldt_core.base.errors import FAULTS, OptionError, did_you_mean
+from ldt_core.base.errors import FAULTS, OptionError, did_you_mean, reason_of
 
 
 def entry_points(group: str) -> metadata.EntryPoints:
@@ -83,8 +83,8 @@ class Registry:
             with contextlib.chdir("."):  # which a file may leave; results are written there
                 spec.loader.exec_module(module)
         except FAULTS as error:  # whatever the user's file does
-            got = f"{type(error).__name__}: {error}"
-            raise OptionError(path, "a Python file that can be imported", got) from error
+            expected = "a Python file that can be imported"
+            raise OptionError(path, expected, reason_of(error)) from error
         if not hasattr(module, attribute):
             public = [n for n in vars(module) if not n.startswith("_")]
             raise OptionError(name, did_you_mean(attribute, public), repr(attribute))

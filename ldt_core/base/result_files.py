@@ -7,7 +7,9 @@ SHA-256 that it is this one. Nothing is unpickled.
 from __future__ import annotations
 
 import contextlib
+import csv
 import hashlib
+import io
 import json
 import os
 import tempfile
@@ -15,7 +17,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
-from ldt_core.base.errors import OptionError
+from ldt_core.base.errors import BadInput, OptionError
 from ldt_core.base.sentences import listed
 
 Parsed = TypeVar("Parsed")
@@ -107,6 +109,32 @@ def whole(path: Path, ending: str = "") -> Iterator[Path]:
     finally:
         with contextlib.suppress(OSError):
             part.unlink(missing_ok=True)
+
+
+def check_own_folder(out: Path, of: str, is_own: Callable[[Path], bool]) -> None:
+    """Refuse a folder that is something else's.
+
+    Args:
+        of: whose folder it may be, "study".
+        is_own: whether a folder with files in it is one.
+
+    Raises:
+        BadInput: it is a file, or has other files in it.
+    """
+    expected = f"a new folder, or that of an earlier {of}"
+    if out.exists() and not out.is_dir():
+        raise BadInput(out, expected, "a file")
+    if out.exists() and any(out.iterdir()) and not is_own(out):
+        raise BadInput(out, expected, "a folder with other files")
+
+
+def csv_text(rows: Sequence[Mapping[str, Any]], columns: Sequence[str] = ()) -> str:
+    """A table with a head; without columns, those of its first row."""
+    text = io.StringIO()
+    writer = csv.DictWriter(text, columns or list(rows[0]), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return text.getvalue()
 
 
 def keep(

@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from ldt_core.base.errors import reason_of
 from ldt_core.base.registry import entry_points
 
 #: Entry points that are lists of probes of parts that the core does not import.
@@ -82,9 +83,9 @@ def run_probes(probes: Sequence[Probe], limit: float = TIME_LIMIT) -> list[Findi
         try:
             found[index] = list(probe.look())
         except Exception as error:  # whatever a broken machine does to a probe
-            sentence = " ".join(f"{type(error).__name__}: {error}".split())
+            sentence = f"the check itself failed: {reason_of(error)}"
             remedy = "look at the rest of this list first, this may follow from it"
-            found[index] = [problem(probe.name, f"the check itself failed: {sentence}", remedy)]
+            found[index] = [problem(probe.name, sentence, remedy)]
 
     # Daemons: a dead network drive can hold a thread for minutes, and nobody waits for it.
     threads = [

@@ -8,7 +8,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, Self
 
-from ldt_core.base.errors import LdtError, ModelError
+from ldt_core.base.errors import LdtError, ModelError, reason_of
 from ldt_core.base.experiment import DiagnosisRecord, Experiment, ModelRecord, Prediction
 from ldt_core.machine.machine_file import Machine
 
@@ -132,10 +132,8 @@ class Model(abc.ABC):
         except LdtError:
             raise
         except Exception as error:  # what comes from outside can break `build` in any way
-            got = f"{type(error).__name__}: {error}"
-            raise ModelError(
-                f"model version {record.version}", f"parameters of a {cls.kind} model", got
-            ) from error
+            where, expected = f"model version {record.version}", f"parameters of a {cls.kind} model"
+            raise ModelError(where, expected, reason_of(error)) from error
 
 
 def _refuse_non_finite(value: Any) -> None:

@@ -16,7 +16,7 @@ from typing import Any
 
 from ldt_core.base.code_version import code_version
 from ldt_core.base.digest import file_digest, json_digest
-from ldt_core.base.errors import BadInput, LdtError
+from ldt_core.base.errors import BadInput, LdtError, reason_of
 from ldt_core.base.parallel import Workers
 from ldt_core.base.result_files import keep, recall
 from ldt_core.base.settings import HOLDOUT
@@ -133,15 +133,13 @@ def diagnose_one(task: RecordingTask) -> DiagnosisTexts:
     try:
         return _diagnosed(task)
     except LdtError as error:
-        return DiagnosisTexts(error=" ".join(str(error).split()), exit_code=error.exit_code)
+        return DiagnosisTexts(error=reason_of(error), exit_code=error.exit_code)
     except OSError as error:
         why = f"{error.filename or task.recording}: {error.strerror or error}"
         return DiagnosisTexts(error=why, exit_code=CRASHED)
     except Exception as error:  # a crash is no reason to lose the others
-        why = " ".join(f"{type(error).__name__}: {error}".split())
-        return DiagnosisTexts(
-            error=f"{task.recording}: the diagnosis failed, {why}", exit_code=CRASHED
-        )
+        why = f"{task.recording}: the diagnosis failed, {reason_of(error)}"
+        return DiagnosisTexts(error=why, exit_code=CRASHED)
 
 
 def _diagnosed(task: RecordingTask) -> DiagnosisTexts:

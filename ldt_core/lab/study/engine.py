@@ -18,10 +18,10 @@ import numpy as np
 
 from ldt_core.base.code_version import code_version
 from ldt_core.base.digest import json_digest
-from ldt_core.base.errors import BadInput, LdtError
+from ldt_core.base.errors import BadInput, LdtError, reason_of
 from ldt_core.base.experiment import Experiment, Level, Prediction, Signal, Step
 from ldt_core.base.parallel import Workers
-from ldt_core.base.result_files import ResultFolder, check_writable, write
+from ldt_core.base.result_files import ResultFolder, check_own_folder, check_writable, write
 from ldt_core.base.sentences import counted
 from ldt_core.detectors import build_detector
 from ldt_core.lab.study import GROUPS, NAMED_ONLY
@@ -180,8 +180,7 @@ def work(task: Task) -> RunResult | Facts:
         return facts_of(case, machine) if kind == "facts" else run_case(case, machine)
     except Exception as error:
         what = "the stream" if kind == "facts" else f"{case.model} model, {case.detector} detector"
-        reason = str(error) if isinstance(error, LdtError) else f"{type(error).__name__}: {error}"
-        raise LdtError(f"{what}, seed {case.seed}: {reason}") from error
+        raise LdtError(f"{what}, seed {case.seed}: {reason_of(error)}") from error
 
 
 def _complete(
@@ -216,11 +215,7 @@ def _study(plan: StudyPlan, planned: list[Planned], store: StudyStore) -> Study:
 
 def _open(out: Path, plan: StudyPlan) -> None:
     """Make the folder of a study, or refuse one that is something else's."""
-    expected = "a new folder, or that of an earlier study"
-    if out.exists() and not out.is_dir():
-        raise BadInput(out, expected, "a file")
-    if out.exists() and any(out.iterdir()) and not _is_study(out):
-        raise BadInput(out, expected, "a folder with other files")
+    check_own_folder(out, "study", _is_study)
     for kind in PARTS:
         check_writable(out / kind)
     out.mkdir(parents=True, exist_ok=True)

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import csv
-import io
-from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from ldt_core.base.result_files import write
+from ldt_core.base.result_files import csv_text, write
 from ldt_core.lab.study.robustness.robust_run import DEFAULT, score_run
 from ldt_core.lab.study.scores import scores_of
 from ldt_core.lab.study.study import Evidence, Study
@@ -117,12 +114,11 @@ def write_tables(out: Path | str, study: Study) -> None:
     Undefined figures are empty.
     """
     out = Path(out)
-    write(out / TABLE, _csv(COLUMNS, table_rows(study)))
+    write(out / TABLE, csv_text(table_rows(study), COLUMNS))
     rows = run_rows(study)
-    write(out / RUNS, _csv(list(rows[0]) if rows else ["groups"], rows))
+    write(out / RUNS, csv_text(rows, () if rows else ["groups"]))
     if study.robust:
-        robust = robust_rows(study)
-        write(out / ROBUST, _csv(list(robust[0]), robust))
+        write(out / ROBUST, csv_text(robust_rows(study)))
 
 
 def _never_rows(study: Study) -> list[dict[str, Any]]:
@@ -140,11 +136,3 @@ def _never_rows(study: Study) -> list[dict[str, Any]]:
             row = {"groups": "baseline", **figures, "model": "original", **settings}
             streams[where] = {**row, "seconds": None, "beside": "", "key": ""}
     return list(streams.values())
-
-
-def _csv(columns: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> str:
-    text = io.StringIO()
-    writer = csv.DictWriter(text, columns, lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    return text.getvalue()

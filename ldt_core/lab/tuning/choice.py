@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ldt_core.base.errors import OptionError
+from ldt_core.base.sentences import counted
 from ldt_core.lab.tuning.candidates import NEVER
 from ldt_core.lab.tuning.trial import Tried
 
@@ -64,7 +65,7 @@ class Budget:
         """For a person."""
         parts = []
         if self.adaptations is not None:
-            parts.append(f"at most {count(self.adaptations, 'adaptation')}")
+            parts.append(f"at most {counted(self.adaptations, 'adaptation')}")
         if self.every is not None:
             parts.append(f"at most one false alarm in {self.every:g} experiments")
         return " and ".join(parts)
@@ -123,15 +124,6 @@ def pareto(tried: Sequence[Tried]) -> list[Tried]:
         if not front or t.mme < front[-1].mme:
             front.append(t)
     return front
-
-
-def count(number: int, what: str) -> str:
-    """A number of things.
-
-    >>> count(1, "adaptation"), count(0, "adaptation")
-    ('1 adaptation', '0 adaptations')
-    """
-    return f"{number} {what}{'s' * (number != 1)}"
 
 
 def _least(some: Sequence[Tried], mask: np.ndarray) -> tuple[Tried, tuple[Tried, ...]]:

@@ -12,6 +12,7 @@ from scipy import stats
 
 from ldt_core.base.errors import LdtError, OptionError
 from ldt_core.base.experiment import Experiment, Samples, rms
+from ldt_core.base.sentences import ranges, spans
 from ldt_core.detectors.adequacy import Adequacy
 from ldt_core.detectors.base import Detector
 from ldt_core.detectors.never import Never
@@ -56,7 +57,7 @@ class Control:
     @property
     def text(self) -> str:
         """Which they are, for a person."""
-        return ranges_of(self.numbers)
+        return ranges(spans(self.numbers))
 
 
 def parse_ranges(text: str) -> list[tuple[int, int]]:
@@ -153,21 +154,6 @@ def row(model: Model, experiment: Experiment) -> Row:
     """How far off a model is in an experiment."""
     prediction = model.predict(experiment)
     return prediction.residual(experiment), prediction.speed_std
-
-
-def ranges_of(numbers: Sequence[int]) -> str:
-    """Numbers in words.
-
-    >>> ranges_of([1, 2, 3, 7])
-    '1 to 3, 7'
-    """
-    runs: list[list[int]] = []
-    for n in numbers:
-        if runs and n == runs[-1][1] + 1:
-            runs[-1][1] = n
-        else:
-            runs.append([n, n])
-    return ", ".join(f"{a} to {b}" if b > a else f"{a}" for a, b in runs)
 
 
 def _crossed(inside: Sequence[Experiment], model: Model) -> list[Row] | None:

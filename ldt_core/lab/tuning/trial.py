@@ -13,7 +13,7 @@ import numpy as np
 
 from ldt_core.base.code_version import code_version
 from ldt_core.base.digest import json_digest
-from ldt_core.base.errors import BadInput, LdtError
+from ldt_core.base.errors import BadInput, LdtError, reason_of
 from ldt_core.base.experiment import Action, Experiment, Level
 from ldt_core.detectors import build_detector
 from ldt_core.lab.tuning.candidates import DetectorSetting
@@ -109,8 +109,7 @@ def try_setting(task: tuple[DetectorSetting, Job]) -> Tried:
     except BadInput:
         raise
     except Exception as error:
-        reason = str(error) if isinstance(error, LdtError) else f"{type(error).__name__}: {error}"
-        raise LdtError(f"{setting}: {reason}") from error
+        raise LdtError(f"{setting}: {reason_of(error)}") from error
 
 
 def _try(setting: DetectorSetting, job: Job) -> Tried:

@@ -13,7 +13,6 @@ import numpy as np
 
 from ldt_core.base.code_version import code_version
 from ldt_core.base.errors import (
-    BadInput,
     ExperimentError,
     OptionError,
     RecordingError,
@@ -21,7 +20,8 @@ from ldt_core.base.errors import (
 )
 from ldt_core.base.experiment import Experiment
 from ldt_core.base.parallel import Workers
-from ldt_core.base.result_files import ResultFolder, check_writable
+from ldt_core.base.result_files import ResultFolder, check_own_folder, check_writable
+from ldt_core.base.sentences import counted
 from ldt_core.lab.tuning.candidates import (
     DIGITS,
     NEVER,
@@ -31,7 +31,7 @@ from ldt_core.lab.tuning.candidates import (
     first_round,
     second_round,
 )
-from ldt_core.lab.tuning.choice import Budget, TuningChoice, best_of, choose, count
+from ldt_core.lab.tuning.choice import Budget, TuningChoice, best_of, choose
 from ldt_core.lab.tuning.in_control import (
     LEAST_IN_CONTROL,
     Control,
@@ -129,7 +129,8 @@ def tune(
     for name in detectors:
         if name not in TUNED:
             raise OptionError("detector to tune", did_you_mean(name, TUNED), repr(name))
-    check_folder(Path(out))
+    check_own_folder(Path(out), "tuning", lambda folder: (folder / RUNS).is_dir())
+    check_writable(Path(out) / RUNS)
     wanted = parse_ranges(in_control)
     model = build_model(settings["model"], machine, settings)
     usable, rows, notes = _usable(machine, model, experiments)
@@ -173,20 +174,6 @@ def noise_reach(rows: Sequence[Row]) -> float:
     ]
     longest = max(residual.size for residual, _ in rows)
     return float(np.median(deviations or [0.0])) * math.sqrt(2 * math.log(2 * longest))
-
-
-def check_folder(out: Path) -> None:
-    """Refuse a folder that is something else's.
-
-    Raises:
-        BadInput: it is.
-    """
-    expected = "a new folder, or that of an earlier tuning"
-    if out.exists() and not out.is_dir():
-        raise BadInput(out, expected, "a file")
-    if out.exists() and any(out.iterdir()) and not (out / RUNS).is_dir():
-        raise BadInput(out, expected, "a folder with other files")
-    check_writable(out / RUNS)
 
 
 class _Trials:
@@ -235,7 +222,7 @@ def _usable(
         rows.append(row(model, experiment))
     notes = []
     if rejected:
-        notes.append(f"{count(len(rejected), 'experiment')} left out, the first: {rejected[0]}")
+        notes.append(f"{counted(len(rejected), 'experiment')} left out, the first: {rejected[0]}")
     return usable, rows, notes
 
 

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import msgs_config
-from ldt_core.base.result_files import write
-from ldt_core.base.sentences import number
+from ldt_core.base.result_files import csv_text, write
+from ldt_core.base.sentences import counted, number
 from ldt_core.lab.tuning.candidates import NEVER
-from ldt_core.lab.tuning.choice import PARTS, SAME_ERROR, best_of, count, pareto
+from ldt_core.lab.tuning.choice import PARTS, SAME_ERROR, best_of, pareto
 from ldt_core.lab.tuning.in_control import most
 from ldt_core.lab.tuning.trial import Tried
 from ldt_core.lab.tuning.tune import Tuning
@@ -77,7 +75,7 @@ def _alarms(found: Tuning) -> Iterator[str]:
     size = len(control.numbers)
     source = "as given" if control.given else "as the adequacy detector judges"
     yield (
-        f"unchanged machine: {count(size, 'experiment')} ({control.text}, {source}); they can "
+        f"unchanged machine: {counted(size, 'experiment')} ({control.text}, {source}); they can "
         f"only show at most one false alarm in {1 / most(0.0, size):.0f}"
     )
     if best is not None and best.false_alarms is not None:
@@ -98,7 +96,7 @@ def _checked(found: Tuning) -> Iterator[str]:
 
 
 def _figures(tried: Tried) -> str:
-    return f"MME {number(tried.mme)} rad/s with {count(tried.adaptations, 'adaptation')}"
+    return f"MME {number(tried.mme)} rad/s with {counted(tried.adaptations, 'adaptation')}"
 
 
 def _value(tried: Tried) -> str:
@@ -215,9 +213,4 @@ def is_of(out: Path | str, matter: str) -> bool:
 def write_results(found: Tuning, out: Path | str) -> None:
     """Write tune.json and tune.csv."""
     write(Path(out) / FILE, json.dumps(tuning_record(found), indent=1, allow_nan=False))
-    table = rows(found)
-    text = io.StringIO()
-    writer = csv.DictWriter(text, list(table[0]), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(table)
-    write(Path(out) / TABLE, text.getvalue())
+    write(Path(out) / TABLE, csv_text(rows(found)))

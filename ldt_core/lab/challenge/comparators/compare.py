@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from ldt_core.base.arrays import Array
-from ldt_core.base.errors import LdtError
+from ldt_core.base.errors import reason_of
 from ldt_core.base.experiment import Experiment
 from ldt_core.base.settings import HOLDOUT
 from ldt_core.diagnosis.candidate import Candidate
@@ -204,8 +204,7 @@ def compare(
             found, seconds = data.timed(functools.partial(comparator, data))
             yield who, _content(data, found), found.predict, seconds, ""
         except Exception as error:  # a failure is an answer, as it is of the diagnosis
-            text = str(error) if isinstance(error, LdtError) else f"{type(error).__name__}: {error}"
-            yield who, None, None, time.process_time() - begin, text
+            yield who, None, None, time.process_time() - begin, reason_of(error)
 
 
 def _content(data: Data, found: ComparatorAnswer) -> dict[str, Any]:

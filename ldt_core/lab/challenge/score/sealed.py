@@ -15,7 +15,7 @@ import numpy as np
 
 from ldt_core.base.arrays import Array
 from ldt_core.base.code_version import code_version
-from ldt_core.base.errors import BadInput, LdtError
+from ldt_core.base.errors import BadInput, reason_of
 from ldt_core.base.experiment import Experiment
 from ldt_core.diagnosis.diagnose import diagnose
 from ldt_core.diagnosis.holdout import free_run
@@ -166,7 +166,7 @@ def _diagnosed(case: Sealed, effects: Sequence[Any]) -> CaseAnswer:
     try:
         diagnosis = diagnose(case.machine, case.shown, effects=effects, workers=1)
     except Exception as error:  # a crash is the worst of answers, and no reason to lose the others
-        seconds, why = time.process_time() - begin, in_words(error)
+        seconds, why = time.process_time() - begin, reason_of(error)
         return CaseAnswer(DIAGNOSIS, None, (), seconds, case.seen(), why)
     seconds = time.process_time() - begin
     use = [(get_effect(e["effect"]), e["parameters"]) for e in diagnosis.effects]
@@ -195,8 +195,3 @@ def _errors(case: Sealed, predict: Callable[[Experiment], Array] | None) -> tupl
 
 def _finite(value: float) -> float:
     return value if math.isfinite(value) else math.inf
-
-
-def in_words(error: Exception) -> str:
-    """A failure in one line."""
-    return str(error) if isinstance(error, LdtError) else f"{type(error).__name__}: {error}"

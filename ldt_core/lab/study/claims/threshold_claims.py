@@ -114,7 +114,7 @@ def range_of_adaptations(evidence: Evidence) -> Iterator[ClaimPart]:
 def _turns(row: list[float]) -> int:
     """How often a row changes from rising to falling or back; equal neighbours do not count.
 
-    >>> turns([3.0, 1.0, 1.0, 2.0]), turns([1.0, 2.0, 1.0, 2.0])
+    >>> _turns([3.0, 1.0, 1.0, 2.0]), _turns([1.0, 2.0, 1.0, 2.0])
     (1, 2)
     """
     signs = np.sign(np.diff(row))

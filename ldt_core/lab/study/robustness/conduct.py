@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ldt_core.base.code_version import code_version
-from ldt_core.base.errors import LdtError
+from ldt_core.base.errors import LdtError, reason_of
 from ldt_core.base.parallel import Workers
 from ldt_core.base.result_files import ResultFolder
 from ldt_core.lab.study.robustness.alarm_trials import (
@@ -127,6 +127,5 @@ def _work(task: Task) -> Answer:
     try:
         return run_robust(task) if isinstance(task, RobustTask) else count_alarms(task)
     except Exception as error:
-        reason = str(error) if isinstance(error, LdtError) else f"{type(error).__name__}: {error}"
         where = f"{task.stream}, {task.setup}" if isinstance(task, RobustTask) else task.key
-        raise LdtError(f"{where}, seed {task.seed}: {reason}") from error
+        raise LdtError(f"{where}, seed {task.seed}: {reason_of(error)}") from error
