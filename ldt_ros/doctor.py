@@ -6,7 +6,6 @@ Nothing here imports ROS: where it is missing, that is the finding.
 from __future__ import annotations
 
 import contextlib
-import importlib.util
 import json
 import os
 import re
@@ -24,7 +23,7 @@ from xml.etree import ElementTree
 from ldt_core.base.errors import BadInput
 from ldt_core.base.sentences import few
 from ldt_core.doctor.check import Finding, Probe, ok, problem, warning
-from ldt_ros.graph.environment import MODULES, require_ros, ros_message
+from ldt_ros.graph.environment import missing_modules, require_ros, ros_message
 from ldt_ros.graph.middleware_trials import trial
 from ldt_ros.graph.secure import has_security
 from ldt_ros.graph.shared_memory import SHARED, leftovers, shared_memory_cleared
@@ -46,8 +45,7 @@ ANOTHER_DOMAIN = "if they are not yours, set ROS_DOMAIN_ID to another number fro
 
 def ros() -> list[Finding]:
     """ROS 2 in this Python, and what follows from trying it."""
-    missing = [name for name in MODULES if importlib.util.find_spec(name) is None]
-    if missing:
+    if missing := missing_modules():
         remedy = "pip install 'ldt[ros]', or source a ROS 2 workspace; ldt run works without"
         return [problem("ROS 2", f"this Python has no module {missing[0]}", remedy)]
     found = [distribution(), *profile()]

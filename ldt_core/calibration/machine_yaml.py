@@ -11,6 +11,7 @@ import yaml
 from ldt_core.base import result_files
 from ldt_core.base.errors import OptionError
 from ldt_core.base.plain_yaml import PlainDumper
+from ldt_core.base.sentences import counted
 from ldt_core.calibration.calibration import Calibration
 from ldt_core.calibration.identify import EquivalentMotor
 from ldt_core.machine.machine_file import Machine
@@ -96,8 +97,7 @@ def equivalent_text(found: EquivalentMotor) -> str:
 
 
 def _measured(found: Calibration | EquivalentMotor) -> str:
-    count = len(found.experiments["fit"])
-    return f"{count} measured experiment{'s' if count > 1 else ''}"
+    return counted(len(found.experiments["fit"]), "measured experiment")
 
 
 def _text(

@@ -20,7 +20,7 @@ import numpy as np
 
 from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError
-from ldt_core.base.experiment import Experiment
+from ldt_core.base.experiment import Experiment, rms
 from ldt_core.calibration.coordinates import Coordinate, Coordinates
 from ldt_core.calibration.prior_knowledge import DIFFERENCE_BESIDE_PRIOR, ToleranceLaw
 from ldt_core.estimation.least_squares import trust_region
@@ -248,7 +248,7 @@ class CalibrationRuns:
 
 
 def _size(samples: Array) -> float:
-    return float(np.sqrt(np.mean(samples**2))) or 1.0
+    return rms(samples) or 1.0
 
 
 def _guess(physics: Physics, values: Mapping[str, float], e: Experiment) -> Array:
@@ -340,13 +340,13 @@ def typical(
     e = max(parts, key=lambda e: float(np.ptp(e.speed)))
     start = physics.initial_state(values, float(e.speed[0]))
     base = physics.simulate(values, e.voltage, e.period, start)[:, SPEED]
-    size = float(np.sqrt(np.mean(base**2)))
+    size = rms(base)
     for tried in SIZES:
         try:
             moved = physics.simulate({**values, name: tried}, e.voltage, e.period, start)[:, SPEED]
         except LdtError:
             break
-        if np.sqrt(np.mean((moved - base) ** 2)) > VISIBLE_CHANGE * size > 0:
+        if rms(moved - base) > VISIBLE_CHANGE * size > 0:
             return float(tried)
     raise LdtError(f"{name} cannot be calibrated: no value of it shows in the free run")
 

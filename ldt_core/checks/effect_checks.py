@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ldt_core.base.errors import BadInput, OptionError
+from ldt_core.base.sentences import counted
 from ldt_core.checks.physics_checks import trial_speed
 from ldt_core.machine.machine_file import Machine, load_machine
 from ldt_core.physics.base import MAX_STEP
@@ -78,10 +79,9 @@ def check_effect(effect: Effect, machines: list[Machine] | None = None) -> list[
         f"{name}: its typical values change the speed by {largest:.3g} rad/s"
     )
     on = "on " + " and ".join(m.name for m in suited)
-    count = len(effect.parameters)
     done = [
         "description and equation are there",
-        f"{count} parameter{'s' if count > 1 else ''}, described; values beyond the bounds and "
+        f"{counted(len(effect.parameters), 'parameter')}, described; values beyond the bounds and "
         "such as are no numbers are refused",
         f"{on}: the neutral values change nothing, two runs are the same to the last bit, and no "
         "bound of a parameter gives a speed that is not finite",

@@ -11,7 +11,7 @@ import numpy as np
 
 from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError
-from ldt_core.base.experiment import Experiment, Prediction
+from ldt_core.base.experiment import Experiment, Prediction, rms
 from ldt_core.base.pausable import Pausable, finished
 from ldt_core.base.sentences import listed, spoken
 from ldt_core.effects import EFFECTS
@@ -272,7 +272,7 @@ class GreyBoxModel(Model):
 
     def noise_of(self, experiment: Experiment) -> float:
         """Standard deviation of the noise [rad/s] that the residual's roughness shows."""
-        floor = NOISE_FLOOR * float(np.sqrt(np.mean(experiment.speed**2)))
+        floor = NOISE_FLOOR * rms(experiment.speed)
         residual = experiment.speed - self.predict(experiment).speed
         under = setting(experiment.voltage, experiment.speed)
         return max(noise_in(residual, under), floor, 1e-12)

@@ -55,8 +55,12 @@ KNOWN = {
 }
 
 
-#: State of machine and model → (words, tone), for the pages' scripts.
-STATE_WORDS = {s.name: (s.words, s.tone) for s in (*STATES.values(), NOT_JUDGED)}
+#: For the pages' scripts: state of machine and model → (words, tone), and the words above.
+SCRIPT_WORDS = {
+    "states": {s.name: (s.words, s.tone) for s in (*STATES.values(), NOT_JUDGED)},
+    "levels": {int(level): words for level, words in LEVEL_WORDS.items()},
+    "actions": ACTION_WORDS,
+}
 
 
 @dataclass(slots=True)  # there may be a hundred thousand

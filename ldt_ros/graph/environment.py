@@ -29,14 +29,18 @@ if TYPE_CHECKING:
 MODULES = ("rclpy", "std_msgs", "diagnostic_msgs", "sensor_msgs")
 
 
+def missing_modules() -> list[str]:
+    """Of ROS 2, those that this Python lacks."""
+    return [name for name in MODULES if importlib.util.find_spec(name) is None]
+
+
 def require_ros() -> None:
     """Refuse to go on where ROS 2 cannot be used.
 
     Raises:
         BadInput: no ROS 2 in this Python, a domain that cannot exist, or a full /dev/shm.
     """
-    missing = [name for name in MODULES if importlib.util.find_spec(name) is None]
-    if missing:
+    if missing := missing_modules():
         raise BadInput(
             "the node graph",
             "ROS 2 Jazzy in this Python (pip install 'ldt[ros]', or source a ROS 2 workspace)",

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError
-from ldt_core.base.experiment import Experiment
+from ldt_core.base.experiment import Experiment, rms
 from ldt_core.estimation.effect.cause import Cause, CauseRun, UncertainStart
 from ldt_core.estimation.effect.joint_fit import FittedExperiment, JointFit, Minimum
 from ldt_core.estimation.noise import white_noise
@@ -67,7 +67,7 @@ class Scan:
         seeds: Sequence[Point] = (),
     ) -> None:
         self.cause, self.experiment, self.start = cause, experiment, start
-        size = float(np.sqrt(np.mean(experiment.speed**2)))
+        size = rms(experiment.speed)
         self._width = max(ROBUST_NOISES * noise, ROBUST_SHARE * size, 1e-9)
         self._points: list[Point] = []
         self._rests: list[Array] = []
@@ -189,7 +189,7 @@ class EffectSearch:
 
     def __init__(self, cause: Cause, experiment: Experiment, seeds: Sequence[Point]) -> None:
         self.cause, self.experiment = cause, experiment
-        size = float(np.sqrt(np.mean(experiment.speed**2))) or 1.0
+        size = rms(experiment.speed) or 1.0
         self.noise = max(white_noise([experiment.speed]), NOISE_FLOOR * size)
         self.start = cause.start(experiment, self.noise, seeds[0][0])
         #: Free runs by experiment, coordinates and start, for all who fit the same experiments.

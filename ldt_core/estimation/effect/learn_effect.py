@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ldt_core.base.arrays import Array
-from ldt_core.base.experiment import Experiment
+from ldt_core.base.experiment import Experiment, rms
 from ldt_core.estimation.effect.cause import UncertainStart
 from ldt_core.estimation.effect.global_search import EffectSearch
 from ldt_core.estimation.effect.joint_fit import FittedExperiment, JointFit, Minimum
@@ -215,7 +215,7 @@ class EffectLearner:
     def _rms(self, seen: FittedExperiment, z: Array, angle: float) -> float:
         descent = self._descent([seen])
         rest = descent.rest(descent.point(z, [angle]), 0)[seen.keep]
-        return float(np.sqrt(np.mean(rest**2)))
+        return rms(rest)
 
     def _holds(self, e: Experiment, start: UncertainStart) -> bool:
         """Whether the newest experiment's machine can have made this one."""

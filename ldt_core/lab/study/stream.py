@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import binary_closing, binary_opening
 
 import msgs_config
-from ldt_core.base.experiment import Experiment
+from ldt_core.base.experiment import Experiment, rms
 from ldt_core.lab.study.study_case import StudyCase
 from ldt_core.machine import Plant
 from ldt_core.machine.machine_file import Machine, load_machine, machine_from_dict
@@ -83,7 +83,7 @@ def intervals(mask: ArrayLike) -> list[tuple[int, int]]:
 
 def region_rmse(residual: NDArray[Any], mask: NDArray[np.bool_]) -> float | None:
     """Root mean square of a residual (L,) [rad/s] inside a mask; None where that is empty."""
-    return float(np.sqrt(np.mean(residual[mask] ** 2))) if mask.any() else None
+    return rms(residual[mask]) if mask.any() else None
 
 
 KEPT = 4  # streams in memory; 200 experiments of 2000 samples are 6 MB

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError
+from ldt_core.base.experiment import rms
 from ldt_core.base.sentences import counted
 from ldt_core.base.threads import one_thread
 from ldt_core.estimation.motor_run import MotorRun
@@ -272,7 +273,7 @@ def _disturbance(
             else:
                 high = middle
         size = float(np.exp((low + high) / 4))
-    rmse = float(np.sqrt(np.mean(errors**2)))
+    rmse = rms(errors)
     return LearnedAcceleration(posterior, noise_std, size, memory, span, rmse)
 
 

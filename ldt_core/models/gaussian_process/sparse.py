@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 
 from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError
+from ldt_core.base.experiment import rms
 from ldt_core.base.threads import one_thread
 
 #: Share of the prior variance that is left, at most, when no more inducing points are added. It
@@ -270,7 +271,7 @@ def fit_hyperparameters(x: Array, y: Array, shortest: Array | float = 0.0) -> Ke
     from scipy.optimize import minimize  # 0.4 s to import, and a twin that only predicts needs none
 
     inputs, targets, variance, width = cells(x, y)
-    size = max(float(np.sqrt(np.mean(y**2))), np.finfo(float).tiny ** 0.25)
+    size = max(rms(y), np.finfo(float).tiny ** 0.25)
     span = np.ptp(x, axis=0)
     low = np.maximum(2 * width, shortest) / span
     high = np.maximum(LONGEST_LENGTH, 2 * low)

@@ -72,7 +72,7 @@ def lead(diagnosis: Diagnosis) -> str:
     recordings = f"the recording{'s' if several else ''}{names}"
     held = diagnosis.experiments.get("held_out", ())
     part = "" if set(held).isdisjoint(diagnosis.experiments.get("fit", ())) else "parts of "
-    count = f"{part}{len(held)} experiment{'' if len(held) == 1 else 's'}"
+    count = f"{part}{counted(len(held), 'experiment')}"
     return (
         f"What {recordings} show{'' if several else 's'} of the machine {diagnosis.machine} that "
         f"its file does not know. Errors are those of free runs on {count} that the search never "

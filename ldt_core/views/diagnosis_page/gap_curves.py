@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ldt_core.base.arrays import Array
-from ldt_core.base.sentences import listed
+from ldt_core.base.sentences import counted, listed
 from ldt_core.diagnosis.diagnosis import Diagnosis, DrawnExperiment, GapLocation
 from ldt_core.views.diagnosis_page.number_format import percent, unit_of, value_of
 from ldt_core.views.diagnosis_page.signal_curves import MOST_ORDER, Binned, binned, orders, spectrum
@@ -120,11 +120,10 @@ def torque_drawing(diagnosis: Diagnosis) -> Drawing | None:
         return None
     words = [where(p) for some in found.marked.values() for p in some]
     marked = f" Marked: {'; '.join(words)}." if words else " No place stands out."
-    count = len(diagnosis.shown)
     return Drawing(
         "places",
         "The torque on the shaft that would explain the error",
-        f"From {count} experiment{'s' if count > 1 else ''}. Over each quantity: the mean, and a "
+        f"From {counted(len(diagnosis.shown), 'experiment')}. Over each quantity: the mean, and a "
         "band that holds four of five samples; below: its spectrum over frequency, and over orders "
         f"of the shaft (1 repeats with each turn).{marked}",
         f"Six panels: the torque over {listed(QUANTITIES)}, and its spectra over frequency and "

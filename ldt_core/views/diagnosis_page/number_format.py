@@ -9,12 +9,11 @@ from typing import TypeGuard
 from ldt_core.base.sentences import number
 from ldt_core.diagnosis.diagnosis import ParameterAmount
 from ldt_core.effects import EFFECTS, get_effect
+from ldt_core.views.page.style import SUPERSCRIPT
 
 NOTHING = "–"
-LONGEST = 24  # letters of a name in a figure; names of users' own effects are paths
 SMALLEST, LARGEST = 1e-3, 1e6  # what is written without a power of ten
 MOST_DIGITS = 7  # of an amount
-SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 SYMBOLS = {"rad/s^2": "rad/s²", "N m s^2": "N m s²", "Ohm": "Ω"}
 
@@ -87,11 +86,6 @@ def amount(name: str, found: ParameterAmount) -> tuple[str, str]:
         digits = min(max(digits, 3), MOST_DIGITS)
     value, *ends = (value_of(scale * v, digits) for v in (found.value, *found.ci95))
     return f"{name} = {value} {unit_of(unit)}".rstrip(), " to ".join(ends)
-
-
-def short(name: str) -> str:
-    """A name in a figure, the end of it where it is long."""
-    return name if len(name) <= LONGEST else f"…{name[1 - LONGEST :]}"
 
 
 def description(effect: str) -> str:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from ldt_core.base.sentences import counted, listed
 from ldt_core.diagnosis.diagnosis import Diagnosis, RankedCandidate
-from ldt_core.views.diagnosis_page.number_format import known, percent, short
+from ldt_core.views.diagnosis_page.number_format import known, percent
 from ldt_core.views.page.style import (
     BLUE,
     GREEN,
@@ -23,11 +23,13 @@ from ldt_core.views.page.style import (
     Panels,
     blank,
     legend,
+    short,
 )
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure
 
+LONGEST = 24  # letters of a name: names of users' own effects are paths
 BARS = 16  # at most: more are in the table
 ROW = 0.26  # inches of a bar
 AROUND = 0.95  # inches of legend and axis
@@ -68,7 +70,9 @@ def bars(diagnosis: Diagnosis) -> Drawing | None:
             at = max(length[row], 0.0)
             box = {"facecolor": PAPER, "edgecolor": "none", "pad": 1.0}
             axes.text(at + 1.2, row, percent(value), va="center", color=INK, bbox=box)
-        names = [f"{sign}{short(c.effect)}" for c, (sign, _) in zip(drawn, signs, strict=True)]
+        names = [
+            f"{sign}{short(c.effect, LONGEST)}" for c, (sign, _) in zip(drawn, signs, strict=True)
+        ]
         axes.set_yticks(range(len(drawn)), names)
         for text, (sign, _) in zip(axes.get_yticklabels(), signs, strict=True):
             text.set_fontweight("bold" if sign else "normal")
@@ -125,7 +129,7 @@ class SharesBar(Panels):
                 color=PARTS[index % len(PARTS)],
                 edgecolor=PAPER,
                 lw=1.5,
-                label=f"{short(c.effect)} {percent(share)}",
+                label=f"{short(c.effect, LONGEST)} {percent(share)}",
             )
         axes.set_yticks([])
         axes.spines["left"].set_visible(False)

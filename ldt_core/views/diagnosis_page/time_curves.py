@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ldt_core.base.arrays import Array
+from ldt_core.base.experiment import rms
 from ldt_core.diagnosis.diagnosis import Diagnosis, DrawnExperiment, NextExperiment
 from ldt_core.views.diagnosis_page.number_format import known, value_of
 from ldt_core.views.figures.free_run_panels import draw_free_runs
@@ -93,7 +94,7 @@ def before_after(diagnosis: Diagnosis) -> Drawing | None:
 
 def _error(shown: DrawnExperiment, predicted: np.ndarray) -> float:
     """Root mean square; without bound where the prediction diverges."""
-    error = float(np.sqrt(np.mean((shown.experiment.speed - predicted) ** 2)))
+    error = rms(shown.experiment.speed - predicted)
     return error if known(error) else np.inf
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ldt_core.base.errors import OptionError
-from ldt_core.base.experiment import Action, Experiment, Level, Prediction, Signal, Step
+from ldt_core.base.experiment import Action, Experiment, Level, Prediction, Signal, Step, rms
 from ldt_core.base.model_state import NOT_JUDGED, STATES, shown_state, times_noise
 from ldt_core.recording.bag import read_twin_run
 from ldt_core.recording.experiment_numbers import ExperimentNumbers
@@ -174,7 +174,7 @@ def _residual(axes: Axes, shown: ShownStep) -> None:
     experiment, prediction, _, signal = shown
     residual = experiment.speed - prediction.speed
     if signal.adequacy:
-        noise = float(np.sqrt(np.mean(residual**2))) / signal.adequacy
+        noise = rms(residual) / signal.adequacy
         look: dict[str, Any] = {"color": style.SHADE, "lw": 0, "zorder": 0}
         axes.axhspan(-2 * noise, 2 * noise, **look)
     axes.plot(experiment.time, residual, color=style.BLUE, lw=0.7)

@@ -43,6 +43,7 @@ VARIABLES = {
 }
 
 FONT = 9  # points; 12 pixels at the width in which a figure is shown
+SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 LONGEST = 16  # letters of a name in a label; names of users' own parts are paths
 PIXELS = 96  # per inch, CSS
 PNG_DPI = 144
@@ -116,8 +117,12 @@ LOOKS = {
 
 def look(name: str) -> Look:
     """How a model or detector is drawn; one nobody knows is grey, and a long name is cut."""
-    short = name if len(name) <= LONGEST else f"…{name[1 - LONGEST :]}"
-    return LOOKS.get(name, Look(short, GREY, "-", "v"))
+    return LOOKS.get(name, Look(short(name), GREY, "-", "v"))
+
+
+def short(name: str, most: int = LONGEST) -> str:
+    """A name in a figure, the end of it where it is long."""
+    return name if len(name) <= most else f"…{name[1 - most :]}"
 
 
 def pair(model: str, detector: str) -> str:
@@ -241,7 +246,7 @@ def power(value: float, _place: float = 0) -> str:
     exponent = round(math.log10(value))
     if -3 < exponent < 4:
         return f"{value:g}"
-    return "10" + str(exponent).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+    return "10" + str(exponent).translate(SUPERSCRIPT)
 
 
 def drawn(drawing: Drawing, layout: Layout) -> Figure:

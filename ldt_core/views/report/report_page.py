@@ -12,11 +12,10 @@ from pathlib import Path
 from typing import Any
 
 from ldt_core.base.result_files import write
-from ldt_core.views.packed_samples import PackedSamples
 from ldt_core.views.page.page_builder import Program, one_script, plot_library, render, view_file
 from ldt_core.views.report import report_sections
 from ldt_core.views.report.reported_run import ReportedRun, read_run
-from ldt_core.views.step_view import STATE_WORDS, DetectorStatistic, drawn_number, statistic
+from ldt_core.views.step_view import SCRIPT_WORDS, DetectorStatistic, drawn_number, statistic
 
 STYLES = ("report/uplot/uPlot.min.css", "report/templates/run.css")
 #: Parts of one script, in the order in which they build on each other.
@@ -64,15 +63,11 @@ def plotted_data(run: ReportedRun, compared: DetectorStatistic) -> dict[str, Any
             "warning": [drawn_number(v) for v in compared.warning],
             "drift": [drawn_number(v) for v in compared.drift],
         },
-        "states": STATE_WORDS,
+        **SCRIPT_WORDS,
         "worst": run.worst_first,
         "models": {
             str(m.version): {"kind": m.kind, "learned": list(m.trained_on)} for m in run.models
         },
         "diagnoses": {str(d.experiment): d.sentence for d in run.diagnoses},
-        "samples": [_samples(step.packed) for step in run.steps],
+        "samples": [step.packed and step.packed.as_dict() for step in run.steps],
     }
-
-
-def _samples(packed: PackedSamples | None) -> dict[str, Any] | None:
-    return None if packed is None else packed.as_dict()

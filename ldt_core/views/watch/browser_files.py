@@ -9,7 +9,7 @@ from ldt_core.views.page.page_builder import (
     plot_library,
     view_file,
 )
-from ldt_core.views.step_view import STATE_WORDS, StepView
+from ldt_core.views.step_view import SCRIPT_WORDS, StepView
 
 SHEETS = (
     "page/templates/style.css",
@@ -29,7 +29,7 @@ PARTS = (
 EMPTY = {
     **{name: [] for name in StepView(0).row()},
     "statistic": {"label": "statistic", "value": [], "warning": [], "drift": []},
-    "states": STATE_WORDS,
+    **SCRIPT_WORDS,
     "worst": [],
     "models": {},
     "diagnoses": {},

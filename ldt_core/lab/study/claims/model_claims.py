@@ -8,6 +8,7 @@ from operator import attrgetter
 
 import numpy as np
 
+from ldt_core.base.experiment import rms
 from ldt_core.base.sentences import number
 from ldt_core.lab.statistics import mean
 from ldt_core.lab.study.claims.claim import (
@@ -111,7 +112,7 @@ def region_share(run: ScoredRun) -> float | None:
 
 def _quadratic_mean(row: list[float | None]) -> float | None:
     known = [v for v in row if v is not None]
-    return float(np.sqrt(np.mean(np.square(known)))) if known else None
+    return rms(np.array(known)) if known else None
 
 
 def _split(run: ScoredRun) -> tuple[list[Drift], list[Drift]]:

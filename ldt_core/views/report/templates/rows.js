@@ -1,18 +1,11 @@
 // What is drawn: the run's figures, and the samples of an experiment.
 const RUN = JSON.parse(document.getElementById("data").textContent);
-const WORDS = { "-1": "no alarm", 0: "warning", 1: "alarm" };
-const DONE = {
-  kept: "no new model needed",
-  stored: "experiment stored to learn from",
-  adapted: "new model",
-  refused: "no better model",
-};
 // State of machine and model: what people are told, and in which colour.
 const stateOf = (i) => RUN.states[RUN.state[i]] || RUN.states[""];
 const brief = (state) => RUN.states[state][0].split(":")[0];
 const noiseOf = (i) => (RUN.noise[i] == null ? "" : `error ${+RUN.noise[i].toPrecision(2)} times the noise`);
 const said = (i) =>
-  [stateOf(i)[0], noiseOf(i), `detector: ${WORDS[RUN.level[i]]}`].filter(Boolean).join(", ");
+  [stateOf(i)[0], noiseOf(i), `detector: ${RUN.levels[RUN.level[i]]}`].filter(Boolean).join(", ");
 const short = (i) => {
   const judged = RUN.error[i] != null;
   return (
@@ -23,7 +16,7 @@ const short = (i) => {
   );
 };
 const adaptorOf = (i) =>
-  `Adaptor: ${DONE[RUN.action[i]] || RUN.action[i]}; ${RUN.reason[i]}.`;
+  `Adaptor: ${RUN.actions[RUN.action[i]] || RUN.action[i]}; ${RUN.reason[i]}.`;
 function about(model) {
   // what a model is, and what it has learned from
   if (!model) return "";

@@ -43,3 +43,7 @@ const ago = (seconds) =>
       : seconds < 5400
         ? `${Math.round(seconds / 60)} min ago`
         : `${Math.round(seconds / 3600)} h ago`;
+const judgedOf = (c) =>
+  c.level == null
+    ? []
+    : [c.noise && `error ${c.noise}`, `detector: ${RUN.levels[c.level]}`].filter(Boolean);

@@ -229,7 +229,7 @@ function showStatus() {
   at("status").className = `answer ${c.tone}`;
   lamp.set(c.tone);
   write(at("word"), c.words);
-  const aside = c.level == null ? [] : [c.noise && `error ${c.noise}`, `detector: ${WORDS[c.level]}`].filter(Boolean);
+  const aside = judgedOf(c);
   const since = sinceWhen();
   if (since != null && since !== c.experiment) aside.unshift(`since experiment ${since}`);
   if (c.experiment != null) aside.push(`experiment ${c.experiment}`);
@@ -238,7 +238,7 @@ function showStatus() {
   const words = [];
   if (c.error != null) words.push(`Largest error ${four(c.error)} rad/s`);
   if (c.version != null) words.push(`model version ${c.version} stays in use`);
-  if (c.action) words.push(DONE[c.action] || c.action);
+  if (c.action) words.push(RUN.actions[c.action] || c.action);
   write(at("sentence"), words.length ? `${words.join("; ")}.` : "Waiting for an experiment.");
   write(at("trouble"), c.trouble);
   const d = seen.diagnosis;

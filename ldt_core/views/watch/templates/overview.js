@@ -51,7 +51,7 @@ function fill({ link, parts }, c) {
   write(parts.name, c.title);
   write(parts.word, c.words);
   write(parts.error, c.error == null ? "" : `, error ${four(c.error)} rad/s`);
-  const more = c.level == null ? [] : [c.noise && `error ${c.noise}`, `detector: ${WORDS[c.level]}`].filter(Boolean);
+  const more = judgedOf(c);
   if (c.experiment != null) more.push(`experiment ${c.experiment}`);
   if (c.version != null) more.push(`model version ${c.version}`);
   if (c.age != null) more.push(ago(age(c)));
