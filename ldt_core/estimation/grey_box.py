@@ -22,7 +22,7 @@ from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment
 from ldt_core.estimation.effect.cause import AT_REST
 from ldt_core.machine.machine_file import Machine
-from ldt_core.physics.base import NOT_TRACKED, FreeRun, Work
+from ldt_core.physics.base import ANGLE, CURRENT, NOT_TRACKED, SPEED, FreeRun, Work
 from ldt_core.physics.effect import Effect
 from ldt_core.physics.machine_sizes import LIMITS, in_own_sizes, is_limit, machine_scales, most_of
 from ldt_core.physics.parameter import Parameter, Values
@@ -41,7 +41,6 @@ DIVERGED = 1e6
 WIDEST = 8.0
 #: Start angles that are tried in what makes a difference of a turn.
 ANGLES = 8
-ANGLE, SPEED, CURRENT = range(3)
 
 
 class Case(NamedTuple):

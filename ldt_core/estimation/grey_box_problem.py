@@ -15,18 +15,16 @@ from ldt_core.base.experiment import Experiment, rms
 from ldt_core.base.pausable import Pausable
 from ldt_core.estimation.effect.start_angle import FoundAngle
 from ldt_core.estimation.grey_box import (
-    ANGLE,
     ANGLES,
     COARSE_STEP,
-    CURRENT,
     FINE_STEP,
-    SPEED,
     Case,
     GreyBox,
     Prior,
 )
 from ldt_core.estimation.least_squares import damped_step
 from ldt_core.estimation.misfit import misfit, setting
+from ldt_core.physics.base import ANGLE, CURRENT, SPEED
 
 #: Difference quotients: of a coordinate. Their rounding error and their curvature error are alike
 #: for a simulation that is exact to 1e-9.
