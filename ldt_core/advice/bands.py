@@ -90,6 +90,11 @@ def _speed(values: Values, voltage: float, low: float, high: float) -> float:
     return high if excess(high) <= 0 else float(brentq(excess, low, high))
 
 
+def any_eccentricity(values: Values) -> list[Values]:
+    """The same parameters with e as it is, and at either end of its uncertainty."""
+    return [{**values, "e": values["e"] * f} for f in (1.0, 1 + E_UNCERTAINTY, 1 - E_UNCERTAINTY)]
+
+
 def uncertain_bands(values: Values, highest: float) -> list[tuple[float, float]]:
     """Voltages of all bands, for any e within `E_UNCERTAINTY`, joined where they touch.
 
@@ -98,8 +103,11 @@ def uncertain_bands(values: Values, highest: float) -> list[tuple[float, float]]
     """
     if not values.get("e"):
         return []
-    spread = [{**values, "e": values["e"] * f} for f in (1 - E_UNCERTAINTY, 1.0, 1 + E_UNCERTAINTY)]
-    found = sorted((b.low, min(b.high, highest)) for v in spread for b in voltage_bands(v, highest))
+    found = sorted(
+        (b.low, min(b.high, highest))
+        for believed in any_eccentricity(values)
+        for b in voltage_bands(believed, highest)
+    )
     joined: list[tuple[float, float]] = []
     for low, high in found:
         if joined and low <= joined[-1][1]:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ldt_core.advice.bands import (
-    E_UNCERTAINTY,
+    any_eccentricity,
     build_up_time,
     in_bands,
     uncertain_bands,
@@ -64,7 +64,7 @@ def plan_run_up(machine: Machine, values: Mapping[str, float], speed: float) -> 
     """A way to hold a speed that does not end in capture, tried in simulation.
 
     Past a band the lowest voltage is taken that comes through with e larger or smaller by the
-    doubt there is about it (`bands.DOUBT`).
+    uncertainty there is about it (`bands.E_UNCERTAINTY`).
 
     Args:
         speed: [rad/s], above 0.
@@ -104,7 +104,7 @@ def _tried(
     machine: Machine, values: Mapping[str, float], speed: float, voltage: float, through: float
 ) -> RunUp | None:
     """The way by this run-up voltage, if it ends at the speed whatever e is."""
-    spread = [{**values, "e": values["e"] * f} for f in (1.0, 1 + E_UNCERTAINTY, 1 - E_UNCERTAINTY)]
+    spread = any_eccentricity(values)
     held = np.full(round(LONGEST_RUN_UP / TRIAL_PERIOD), through)
     needed = 0.0
     for believed in spread:

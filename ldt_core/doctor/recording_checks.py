@@ -53,8 +53,7 @@ def _rewritten(file: Mended) -> Finding:
 
 def _counted(messages: Mapping[str, int]) -> str:
     each = ", ".join(f"{topic} {count}" for topic, count in sorted(messages.items()) if count)
-    total = sum(messages.values())
-    return f"{total} message{'' if total == 1 else 's'}" + (f" ({each})" if each else "")
+    return counted(sum(messages.values()), "message") + (f" ({each})" if each else "")
 
 
 def findings(health: Health) -> list[Finding]:

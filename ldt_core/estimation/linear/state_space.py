@@ -86,15 +86,20 @@ class StateSpace:
         A model whose steady output does not depend on the input has none: then the smallest state
         with that output at that voltage [V] is taken.
         """
-        response = -np.linalg.solve(self.A, self.B)
-        gain = float(self.C @ response)
-        whole = gain + self.D
-        # below this the gain is a difference of equal numbers
-        if abs(whole) > 1e-12 * (np.abs(self.C) @ np.abs(response) + abs(self.D)):
-            return np.asarray(response * ((output - self.offset) / whole), dtype=np.float64)
+        response, gain = self.steady_response()
+        if gain:
+            return np.asarray(response * ((output - self.offset) / gain), dtype=np.float64)
         size = float(self.C @ self.C)
         rest = output - self.offset - self.D * voltage
         return self.C * (rest / size) if size else np.zeros(self.order)
+
+    def steady_response(self) -> tuple[Array, float]:
+        """(n,) steady state per V, and the steady output per V; 0 where that is rounding."""
+        response = -np.linalg.solve(self.A, self.B)
+        gain = float(self.C @ response) + self.D
+        # below this the gain is a difference of equal numbers
+        rounding = 1e-12 * (np.abs(self.C) @ np.abs(response) + abs(self.D))
+        return np.asarray(response, dtype=np.float64), gain if abs(gain) > rounding else 0.0
 
     def simulate(self, voltage: ArrayLike, period: float, start: ArrayLike) -> Array:
         """(L,) free run from a start state [rad/s].
@@ -176,10 +181,8 @@ class StartRule:
 
 def settled(model: StateSpace) -> StartRule | None:
     """In steady running; None where the speed does not depend on the voltage then."""
-    response = -np.linalg.solve(model.A, model.B)
-    gain = float(model.C @ response) + model.D
-    # below this the gain is a difference of equal numbers
-    if abs(gain) <= 1e-12 * (np.abs(model.C) @ np.abs(response) + abs(model.D)):
+    response, gain = model.steady_response()
+    if not gain:
         return None
     per_speed = np.asarray(response / gain, dtype=np.float64)
     return StartRule(

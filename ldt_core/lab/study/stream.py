@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import binary_closing, binary_opening
 
 import msgs_config
+from ldt_core.advice.bands import in_bands
 from ldt_core.base.experiment import Experiment, rms
 from ldt_core.lab.study.study_case import StudyCase
 from ldt_core.machine import Plant
@@ -57,10 +58,7 @@ def in_region(
     >>> in_region([15.0, 17.0, 17.0, 16.0, 17.0, 20.0], 0.2, [(16.5, 18.0)], shortest=0.4).tolist()
     [False, True, True, True, True, False]
     """
-    size = np.abs(np.asarray(speed, dtype=np.float64))
-    inside = np.zeros(size.shape, dtype=bool)
-    for low, high in where:
-        inside |= (low <= size) & (size <= high)
+    inside = in_bands(np.asarray(speed, dtype=np.float64), where)
     samples = max(1, round(shortest / period))
     if samples == 1 or not inside.any():
         return inside
