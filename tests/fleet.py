@@ -17,11 +17,10 @@ import numpy as np
 import psutil
 
 from ldt_core.recording.bag import read_bag
-from tests.benchmarks.__main__ import machine
 from tests.benchmarks.measured_table import MeasuredTable
+from tests.programs import LDT
 
 LENGTH = 20.0  # s, of an experiment of 2000 samples
-LDT = [sys.executable, "-c", "from ldt_core.cli import main; main()"]
 HEAD = (
     *("machines", "processor time per experiment", "memory per machine", "latency, median"),
     *("99th percentile", "start-up"),
@@ -43,7 +42,7 @@ def main() -> int:
     for size in given.sizes:
         table.add(*_measured(size, given.experiments, given.every))
     if given.keep:
-        table.keep(machine())
+        table.keep()
     return 0
 
 

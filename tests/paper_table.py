@@ -96,7 +96,7 @@ def main(study: str, trials: str) -> int:
     with KEPT.open("w", newline="", encoding="utf-8") as text:
         writer = csv.DictWriter(text, COLUMNS)
         writer.writeheader()
-        now = stamp("")
+        now = stamp()
         taken = f"{now['day']} with commit {now['commit']}"
         writer.writerows({**r, "taken": taken} for r in results(Path(study), Path(trials)))
     write_table("paper", table(rows()))

@@ -24,10 +24,9 @@ from network import two_hosts
 
 from ldt_core.recording.bag import read_bag
 from ldt_core.recording.health import inspect
-from tests.programs import Programs
+from tests.programs import LDT, Programs
 
 SEED = 3
-LDT = [sys.executable, "-c", "from ldt_core.cli import main; main()"]
 
 
 def main() -> int:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import subprocess
+import sys
 import time
 import uuid
 from collections.abc import Sequence
@@ -12,6 +13,8 @@ from typing import Any, Self
 
 import psutil
 
+#: `ldt` of this Python and this checkout, whatever is installed.
+LDT = (sys.executable, "-c", "from ldt_core.cli import main; main()")
 MARK = "LDT_TEST_PROGRAM"
 PATIENCE = 20  # s for what was killed to be gone
 MOMENT = 0.01  # s between looks at a process that only just begins its program

@@ -28,7 +28,6 @@ from ldt_core.diagnosis.diagnosis import Diagnosis, read_effects
 from ldt_core.machine.machine_file import Machine, load_machine
 from ldt_core.models.physics import PhysicsModel
 from ldt_core.twin.loop import Twin
-from tests.benchmarks.__main__ import machine as processor
 from tests.benchmarks.measured_table import MeasuredTable
 
 DISC = 25.0  # s of an experiment of the disc
@@ -199,7 +198,7 @@ def main(data: str = "", *given: str) -> None:
         for record, done, before, after in TABLES[name](Path(data)):
             table.add(record, done, f"{before:.3g}", f"{after:.3g}")
         if "--keep" in given:
-            table.keep(processor())
+            table.keep()
 
 
 if __name__ == "__main__":

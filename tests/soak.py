@@ -26,13 +26,14 @@ import psutil
 sys.path.insert(0, str(Path(__file__).parent / "ros"))
 from disturbed import differences, kill, nodes, stall
 
+from tests.programs import LDT
+
 RATE = 20.0  # times real time: an experiment a second
 #: How often each fault comes, relative to the others.
 SHARES = {"kill": 8, "server": 1, "stall": 3, "load": 1, "stranger": 2}
 STALLED = 5.0  # s at most; whoever is stopped for `hung_after` is killed
 BUSY = 10.0  # s at most
 LATER = 20.0  # s
-LDT = [sys.executable, "-c", "from ldt_core.cli import main; main()"]
 
 
 def main() -> int:

@@ -18,9 +18,9 @@ import time
 from pathlib import Path
 
 from ldt_core.recording.bag import read_bag
+from tests.programs import LDT
 
 ROS = Path(__file__).parent / "ros"
-LDT = [sys.executable, "-c", "from ldt_core.cli import main; main()"]
 LARGE = 100_000_000  # bytes
 GRAPH = ("--model", "physics", "--seed", "3", "--start-time", "1e9", "--json")
 

@@ -7,26 +7,11 @@ from __future__ import annotations
 
 import argparse
 import importlib
-import os
-import platform
 import sys
 from pathlib import Path
 
 from tests.benchmarks.kept import keep, merge, table
 from tests.benchmarks.row import Row
-
-for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-    os.environ.setdefault(_name, "1")  # before numpy: peers and we get one thread each
-
-
-def machine() -> str:
-    """Processor, cores and Python, as they are here."""
-    model = "unknown processor"
-    cpu = Path("/proc/cpuinfo")
-    if cpu.exists():
-        names = [line for line in cpu.read_text().splitlines() if line.startswith("model name")]
-        model = names[0].partition(":")[2].strip() if names else model
-    return f"{model}, {os.cpu_count()} cores, Python {platform.python_version()}"
 
 
 def main() -> int:
@@ -44,9 +29,9 @@ def main() -> int:
     for name in given.names or names:
         print(f"{name} …", file=sys.stderr, flush=True)
         measured += importlib.import_module(f"tests.benchmarks.bench_{name}").run()
-    print(table(merge([], measured, machine())))
+    print(table(merge([], measured)))
     if given.keep:
-        keep(measured, machine())
+        keep(measured)
     return 0
 
 

@@ -15,9 +15,10 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from tests.benchmarks.bench_graph import BARE, DOMAIN, LDT, running
+from tests.benchmarks.bench_graph import BARE, DOMAIN, running
 from tests.benchmarks.ear import Ear
-from tests.benchmarks.row import Row
+from tests.benchmarks.row import Row, load_average
+from tests.programs import LDT
 
 ROUNDS = 5
 PYTHON = [sys.executable, "-c"]
@@ -51,7 +52,7 @@ def alone() -> list[Row]:
             for _ in range(ROUNDS)
         ]
         ours, other = (min(column) for column in zip(*rounds, strict=True))
-        rows.append(Row(name, ours, peer, other, aim, f"processor time; {_load()}"))
+        rows.append(Row(name, ours, peer, other, aim, f"processor time; {load_average()}"))
     return rows
 
 
@@ -74,7 +75,7 @@ def graph(folder: Path) -> list[Row]:
                 ear.until(lambda: bool(ear.heard["experiment"]))
                 bare.append(ear.heard["experiment"][0] - began)
     peer = "a bare rclpy node: from the start of Python to the first message", min(bare)
-    note = f"best of {ROUNDS}; {_load()}"
+    note = f"best of {ROUNDS}; {load_average()}"
     return [
         Row("`ldt up`: from the command to the first prediction", min(first), *peer, "", note),
         Row(
@@ -85,10 +86,6 @@ def graph(folder: Path) -> list[Row]:
             note,
         ),
     ]
-
-
-def _load() -> str:
-    return f"load average {os.getloadavg()[0]:.0f}"
 
 
 def run() -> list[Row]:

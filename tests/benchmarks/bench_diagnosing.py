@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import os
 import subprocess
-import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -18,6 +17,7 @@ import numpy as np
 from ldt_core.recording.bag import Bag, read_bag
 from ldt_core.recording.message_subject import number_of
 from tests.benchmarks.row import Row
+from tests.programs import LDT
 
 EXPERIMENTS = 20
 #: Of real time: an experiment of 20 s every so many seconds.
@@ -49,9 +49,8 @@ def run() -> Iterator[Row]:
     """A wearing rotor, experiments at the pace."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name) / "run"
-        command = [sys.executable, "-c", "from ldt_core.cli import main; main()", "up"]
-        command += ["--model", "diagnosed", "--cause", "auto", "--experiments", str(EXPERIMENTS)]
-        command += ["--seed", "3", "--rate", f"{RATE:g}", "--bag", str(folder)]
+        command = [*LDT, "up", "--model", "diagnosed", "--cause", "auto", "--seed", "3"]
+        command += ["--experiments", str(EXPERIMENTS), "--rate", f"{RATE:g}", "--bag", str(folder)]
         environment = {**os.environ, "ROS_DOMAIN_ID": DOMAIN}
         subprocess.run(command, check=True, stdout=subprocess.DEVNULL, env=environment)
         bag = read_bag(folder)

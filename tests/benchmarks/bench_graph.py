@@ -30,7 +30,8 @@ from ldt_core.recording.bag import read_bag
 from ldt_core.recording.writer import BagWriter
 from tests.benchmarks.bare_node import ROLES
 from tests.benchmarks.ear import Ear
-from tests.benchmarks.row import Row, best_of
+from tests.benchmarks.row import Row, best_of, load_average
+from tests.programs import LDT
 
 CYCLES = 500
 SKIPPED = 20  # cycles of warming up
@@ -38,7 +39,6 @@ RATE = 50  # experiments a second that the graph is to manage at least
 REPLAYED = 200
 ROUNDS = 5
 DOMAIN = "231"  # ours alone: the last but one that the ports allow
-LDT = [sys.executable, "-c", "from ldt_core.cli import main; main()"]
 BARE = [sys.executable, "-m", "tests.benchmarks.bare_node"]
 
 
@@ -129,8 +129,7 @@ def cycles(folder: Path) -> list[Row]:
         for share, name in ((0.5, "median"), (0.99, "99th percentile")):
             ours, peer = (_least(found[n, "signal", period], share) for n in ("ours", "bare"))
             what = f"from `experiment` to `signal` {when}, {name}"
-            load = f"load average {os.getloadavg()[0]:.0f}"
-            note = f"{CYCLES - SKIPPED} cycles, best of {ROUNDS}; {load}"
+            note = f"{CYCLES - SKIPPED} cycles, best of {ROUNDS}; {load_average()}"
             rows.append(Row(what, ours, who, peer, "at least 1/3", note))
     return rows
 

@@ -140,9 +140,3 @@ def _free_run(model: HybridModel, e: Experiment) -> list[Row]:
             )
         )
     return rows
-
-
-if __name__ == "__main__":
-    for row in run():
-        print(f"{row.name}: {row.ours_s:.3g} s, {row.peer} {row.peer_s:.3g} s, {row.ratio:.0f}x")
-        print(f"  aim {row.aim}; {row.note}")

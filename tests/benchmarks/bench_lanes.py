@@ -6,17 +6,12 @@ machines as the processor takes at once, alone and with a law that acts on the s
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).parent))
-from row import Row, best_of
 
 from ldt_core.effects import parse_effect
 from ldt_core.machine.machine_file import load_machine
 from ldt_core.physics.base import FreeRun
+from tests.benchmarks.row import Row, best_of
 
 SECONDS, RATE, RUNS = 20, 100, 8
 STEP = 0.5e-3  # s, of the last fits
@@ -54,8 +49,3 @@ def _row(law: str) -> Row:
         "4×",
         f"largest difference in speed {off:.1e} rad/s",
     )
-
-
-if __name__ == "__main__":
-    for row in run():
-        print(row, f"{row.ratio:.1f}×")

@@ -8,15 +8,11 @@ stream has no drift, so that neither starts anew, and both end with the same err
 from __future__ import annotations
 
 import importlib
-import sys
-from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parent))
-from row import Row, best_of
-
 from ldt_core.detectors.lddm import LDDM
+from tests.benchmarks.row import Row, best_of
 
 EXPERIMENTS, SAMPLES = 50, 2000  # 2 s at 1 kHz each, as in the paper's study
 REPEATS = 7
@@ -52,8 +48,3 @@ def run() -> list[Row]:
     difference = abs(rates["ours"] - rates["peer"])
     note = f"{EXPERIMENTS} × {SAMPLES} samples, error rates differ by {difference:.1g}"
     return [Row("LDDM, one sample", ours_s, "river DDM", peer_s, "20×", note)]
-
-
-if __name__ == "__main__":
-    for row in run():
-        print(row, f"{row.ratio:.1f}×")

@@ -9,7 +9,6 @@ speeds and voltages, of the last three experiments, in free run. Seconds are tho
 from __future__ import annotations
 
 import itertools
-import os
 import time
 from collections import deque
 from collections.abc import Iterator
@@ -29,7 +28,7 @@ from ldt_core.machine import Plant
 from ldt_core.machine.machine_file import load_machine
 from ldt_core.physics.machine_sizes import most_of
 from ldt_core.twin.loop import Twin
-from tests.benchmarks.row import Row
+from tests.benchmarks.row import Row, load_average
 
 DRIFT, COUNT = 10, 40  # the last experiment before it, and of all
 LAGS = 8  # samples
@@ -105,8 +104,7 @@ def run() -> list[Row]:
         Row(
             "a run that learns, 40 experiments of 20 s",
             *(total, "the machine itself", COUNT * SECONDS, ""),
-            f"{total / COUNT * 1e3:.0f} ms of processor time per experiment; "
-            f"load average {os.getloadavg()[0]:.0f}",
+            f"{total / COUNT * 1e3:.0f} ms of processor time per experiment; {load_average()}",
         ),
         Row(
             "from a drift to the new model, computing time only",
@@ -139,8 +137,7 @@ def verdict(stream: list[Experiment]) -> Row:
         "from a drift to the verdict, computing time only",
         *(spent, f"scipy least_squares, once for each of {len(candidates)} effects", other, ""),
         f"LDT in the {_nth(number - DRIFT)} experiment after the drift, learning included; "
-        f"“{said}”; the peer gives no verdict and tries no pairs; "
-        f"load average {os.getloadavg()[0]:.0f}",
+        f"“{said}”; the peer gives no verdict and tries no pairs; {load_average()}",
     )
 
 

@@ -130,8 +130,3 @@ def run() -> list[Row]:
         note = f"{SAMPLES} samples, order 2; fit on other data under {fits}"
         rows.append(Row("identification, linear", ours_s, name, peer_s, "1×", note))
     return rows
-
-
-if __name__ == "__main__":
-    for row in run():
-        print(row, f"{row.ratio:.2f}×")

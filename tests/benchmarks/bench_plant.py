@@ -10,20 +10,16 @@ from __future__ import annotations
 
 import functools
 import math
-import sys
 import time
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 from numba import njit
 from scipy.integrate import odeint, solve_ivp
 
-sys.path.insert(0, str(Path(__file__).parent))
-from row import Row, best_of
-
 from ldt_core.machine.machine_file import load_machine
 from ldt_core.physics.base import MAX_STEP
+from tests.benchmarks.row import Row, best_of
 
 SECONDS, RATE = 20, 100
 METHODS = ("DOP853", "LSODA")  # RK45, RK23, BDF and Radau take longer at this accuracy
@@ -164,8 +160,3 @@ def _as_array(rates):
         )
 
     return compiled
-
-
-if __name__ == "__main__":
-    for row in run():
-        print(row, f"{row.ratio:.1f}×")

@@ -121,8 +121,3 @@ def run() -> list[Row]:
             f"{EXPERIMENTS} experiments of {SAMPLES} samples, each checked when read",
         ),
     ]
-
-
-if __name__ == "__main__":
-    for row in run():
-        print(row, f"ratio {row.ratio:.2f}")

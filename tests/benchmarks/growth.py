@@ -19,7 +19,6 @@ import yaml
 import msgs_config
 from ldt_core.lab.study.engine import conduct
 from ldt_core.lab.study.study_plan import StudyPlan
-from tests.benchmarks.__main__ import machine
 from tests.benchmarks.measured_table import MeasuredTable
 
 BASE = {"seeds": 1, "experiments": 100, "samples": 1000}
@@ -56,7 +55,7 @@ def main() -> int:
         spent, trainings = measure(**size)
         table.add(*size.values(), f"{spent:.1f} s", trainings)
     if "--keep" in sys.argv[1:]:
-        table.keep(machine())
+        table.keep()
     return 0
 
 

@@ -9,6 +9,8 @@ table anew. Without `--keep` nothing is touched.
 from __future__ import annotations
 
 import json
+import os
+import platform
 import re
 import subprocess
 from collections.abc import Iterable, Mapping
@@ -32,21 +34,31 @@ def load() -> list[dict[str, Any]]:
     return rows
 
 
-def merge(rows: Iterable[Kept], measured: Iterable[Row], processor: str) -> list[Kept]:
+def merge(rows: Iterable[Kept], measured: Iterable[Row]) -> list[Kept]:
     """Rows with those measured now in the place of the same work beside the same peer."""
-    now = stamp(processor)
+    now = stamp()
     by_work = {(r["name"], r["peer"]): r for r in rows}
     for row in measured:
         by_work[row.name, row.peer] = {**asdict(row), **now}
     return list(by_work.values())
 
 
-def stamp(processor: str) -> dict[str, str]:
+def processor() -> str:
+    """Processor, cores and Python, as they are here."""
+    model = "unknown processor"
+    cpu = Path("/proc/cpuinfo")
+    if cpu.exists():
+        names = [line for line in cpu.read_text().splitlines() if line.startswith("model name")]
+        model = names[0].partition(":")[2].strip() if names else model
+    return f"{model}, {os.cpu_count()} cores, Python {platform.python_version()}"
+
+
+def stamp() -> dict[str, str]:
     """When and where something was measured: day, commit, processor."""
     day = datetime.now(UTC).date().isoformat()
     head = ["git", "-C", str(KEPT.parent), "rev-parse", "--short", "HEAD"]
     commit = subprocess.run(head, capture_output=True, text=True, check=True).stdout.strip()
-    return {"day": day, "commit": commit, "processor": processor}
+    return {"day": day, "commit": commit, "processor": processor()}
 
 
 def table(rows: Iterable[Kept]) -> str:
@@ -88,9 +100,9 @@ def aimed(told: str) -> str:
     return times(float(faster[1]), "faster") if faster else told
 
 
-def keep(measured: Iterable[Row], processor: str) -> None:
+def keep(measured: Iterable[Row]) -> None:
     """Take rows into the kept results, and write the page's table anew."""
-    rows = merge(load(), measured, processor)
+    rows = merge(load(), measured)
     KEPT.write_text(json.dumps(rows, indent=1, ensure_ascii=False) + "\n", "utf-8")
     write_table("speed", table(rows))
 

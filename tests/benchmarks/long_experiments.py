@@ -18,7 +18,6 @@ from ldt_core.base.settings import resolve
 from ldt_core.machine import Plant
 from ldt_core.machine.machine_file import load_machine
 from ldt_core.runs.offline import run
-from tests.benchmarks.__main__ import machine
 from tests.benchmarks.measured_table import MeasuredTable
 
 SIZES = (100_000, 300_000, 1_000_000)
@@ -55,7 +54,7 @@ def main() -> int:
             spent, memory, learned = measure(model, samples)
             table.add(f"`{model}`", f"{samples:,}", f"{spent:.1f} s", f"{memory:.0f} MB", learned)
     if keep:
-        table.keep(machine())
+        table.keep()
     return 0
 
 

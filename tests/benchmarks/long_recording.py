@@ -28,7 +28,6 @@ from ldt_core.views.figures.run_figure import load_run, plot_run
 from ldt_core.views.report.report_page import write_run_page
 from ldt_core.views.watch.fleet import Fleet
 from ldt_core.views.watch.record_source import Playback
-from tests.benchmarks.__main__ import machine
 from tests.benchmarks.measured_table import MeasuredTable
 
 EXPERIMENTS, SAMPLES, PERIOD = 100_000, 100, 0.01
@@ -142,7 +141,7 @@ def main() -> int:
         size = sum(f.stat().st_size for f in folder.iterdir()) / 1e6
         print(f"\n{len(list(folder.glob('*.mcap')))} files, {size:.0f} MB.")
     if len(given) < len(sys.argv[1:]):
-        table.keep(machine())
+        table.keep()
     return 0
 
 

@@ -39,9 +39,9 @@ class MeasuredTable:
         self.kept["rows"].append(row)
         print(_line(row), flush=True)
 
-    def keep(self, processor: str) -> None:
+    def keep(self) -> None:
         """Into the file of results, and into the page."""
-        tables = {**load(), self.name: {**self.kept, **stamp(processor)}}
+        tables = {**load(), self.name: {**self.kept, **stamp()}}
         KEPT.write_text(json.dumps(tables, indent=1, ensure_ascii=False) + "\n", "utf-8")
         write_table(self.kept["page"], shown(tables[self.name]), self.name)
 

@@ -28,7 +28,6 @@ from ldt_core.recording.writer import BagWriter
 from ldt_core.restart.recorded_run import END, RecordedRun
 from ldt_core.restart.stage_restart import StageRestart
 from ldt_core.twin.loop import Twin
-from tests.benchmarks.__main__ import machine as computer
 from tests.benchmarks.measured_table import MeasuredTable
 
 COUNTS = (250, 2_050, 20_050)  # half-way between two checkpoints
@@ -145,7 +144,7 @@ def main() -> int:
                 figures = (f"{size:.0f} MB", work.__name__, result)
                 table.add(f"{count:,}", *figures, f"{seconds:.2f} s", f"{most:.0f} MB")
     if given.keep:
-        table.keep(computer())
+        table.keep()
     return 0
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -27,11 +28,6 @@ class Row:
     aim: str
     note: str = ""
 
-    @property
-    def ratio(self) -> float:
-        """How many times longer the peer takes."""
-        return self.peer_s / self.ours_s
-
 
 def best_of(times: int, work: Callable[[], object]) -> float:
     """Least time of several [s], after one that is not counted (compilation, caches)."""
@@ -42,3 +38,8 @@ def best_of(times: int, work: Callable[[], object]) -> float:
         work()
         best = min(best, time.perf_counter() - begin)
     return best
+
+
+def load_average() -> str:
+    """How busy the machine is, for a note."""
+    return f"load average {os.getloadavg()[0]:.0f}"

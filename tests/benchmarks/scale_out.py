@@ -23,10 +23,9 @@ from pathlib import Path
 from distributed import LocalCluster
 
 from ldt_core.base.sentences import counted
-from tests.benchmarks.__main__ import machine
 from tests.benchmarks.measured_table import MeasuredTable
+from tests.programs import LDT
 
-LDT = [sys.executable, "-c", "from ldt_core.cli import main; main()"]
 EFFECT = "coulomb_friction:torque=0.05"
 TIMES = ("seconds", "time", "cpu")  # keys whose values are never the same twice
 
@@ -60,7 +59,7 @@ def main() -> int:
             same = same and found == first
         table.add(*row, "identical" if same else "DIFFERENT")
     if given.keep:
-        table.keep(machine())
+        table.keep()
     return 0
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from ldt_core.docs import text
 from tests import page_table
-from tests.benchmarks import measured_table
+from tests.benchmarks import kept, measured_table
 from tests.benchmarks.kept import load, merge, table
 from tests.benchmarks.measured_table import MeasuredTable
 from tests.benchmarks.measured_table import load as load_measured
@@ -21,13 +21,14 @@ def test_the_table_is_that_of_the_result_file():
     assert with_table(text("speed"), table(load())) == text("speed")
 
 
-def test_what_is_measured_anew_takes_its_row_s_place():
+def test_what_is_measured_anew_takes_its_row_s_place(monkeypatch):
     """Beside the same peer; another peer is another row, and the order stays."""
+    monkeypatch.setattr(kept, "processor", lambda: "a processor")
     rows = load()
     first = rows[0]
     anew = Row(first["name"], 0.5, first["peer"], 2.0, "", "quiet")
     beside = Row(first["name"], 0.5, "somebody else", 1e-9, "")
-    merged = merge(rows, [anew, beside], "a processor")
+    merged = merge(rows, [anew, beside])
     assert len(merged) == len(rows) + 1
     assert (merged[0]["ours_s"], merged[0]["processor"]) == (0.5, "a processor")
     assert merged[1:-1] == rows[1:]
@@ -39,9 +40,9 @@ def test_what_is_measured_anew_takes_its_row_s_place():
 @pytest.mark.parametrize("name", load_measured())
 def test_a_table_without_a_peer_is_that_of_its_result_file(name):
     """As `--keep` of its command writes it."""
-    kept = load_measured()[name]
-    page = text(kept["page"])
-    assert with_table(page, measured_table.shown(kept), name) == page
+    stored = load_measured()[name]
+    page = text(stored["page"])
+    assert with_table(page, measured_table.shown(stored), name) == page
 
 
 def test_a_table_is_kept_in_file_and_page(tmp_path, monkeypatch, capsys):
@@ -49,19 +50,20 @@ def test_a_table_is_kept_in_file_and_page(tmp_path, monkeypatch, capsys):
     file, page = tmp_path / "measured.json", tmp_path / "speed.md"
     file.write_text(json.dumps({"other": {"rows": []}}))
     page.write_text("before\n<!-- table fleet -->\nold\n<!-- end of table -->\nbehind\n")
+    monkeypatch.setattr(kept, "processor", lambda: "a processor")
     monkeypatch.setattr(measured_table, "KEPT", file)
     monkeypatch.setattr(page_table, "path", lambda name: page)
     grown = MeasuredTable("fleet", "python -m tests.fleet", "machines", "time")
     grown.add(5, "3 s")
     assert capsys.readouterr().out.splitlines()[-1] == "| 5 | 3 s |"
-    grown.keep("a processor")
-    kept = json.loads(file.read_text())
-    assert list(kept) == ["other", "fleet"]
-    assert kept["fleet"]["rows"] == [["5", "3 s"]]
+    grown.keep()
+    stored = json.loads(file.read_text())
+    assert list(stored) == ["other", "fleet"]
+    assert stored["fleet"]["rows"] == [["5", "3 s"]]
     said = page.read_text()
     assert said.startswith("before\n")
     assert said.endswith("<!-- end of table -->\nbehind\n")
-    assert all(words in said for words in ("| 5 | 3 s |", kept["fleet"]["commit"], "a processor"))
+    assert all(words in said for words in ("| 5 | 3 s |", stored["fleet"]["commit"], "a processor"))
     assert "old" not in said
     with pytest.raises(ValueError, match="no place"):
         with_table("a page", "a table", "fleet")
