@@ -20,7 +20,7 @@ import numpy as np
 from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment
-from ldt_core.estimation.effect.cause import AT_REST
+from ldt_core.estimation.effect.cause import AT_REST, DIVERGED_SPEED, finite_speed
 from ldt_core.machine.machine_file import Machine
 from ldt_core.physics.base import ANGLE, CURRENT, NOT_TRACKED, SPEED, FreeRun, Work
 from ldt_core.physics.effect import Effect
@@ -35,8 +35,6 @@ COARSE_STEP, FINE_STEP = 2e-3, 5e-4
 #: Part of the longest step, or of a shorter sample period, that the shortest one is. No fit follows
 #: what is faster, which no sample shows, and the time that a candidate takes has a bound.
 SHORTEST = 0.25
-#: Speed [rad/s] that stands for a simulation without bound; no fit accepts it.
-DIVERGED = 1e6
 #: Machine coordinates stay within so many tolerances; beyond, the file is of another machine.
 WIDEST = 8.0
 #: Start angles that are tried in what makes a difference of a turn.
@@ -154,7 +152,7 @@ class GreyBox:
         gain: float = 0.0,
         step: float = FINE_STEP,
     ) -> Array:
-        """(L,) speed that the sensor shows [rad/s]; `DIVERGED` where it grows without bound.
+        """(L,) speed that the sensor shows [rad/s]; `DIVERGED_SPEED` where it grows without bound.
 
         Args:
             q, experiment, rest, start: as in `Case`.
@@ -165,14 +163,14 @@ class GreyBox:
             run, use = self._run(Case(q, experiment, rest, start), gain)
             states = self.physics.simulate(*run[:5], step, run.tracked, _shortest(step, run.period))
         except LdtError:
-            return np.full(len(experiment), DIVERGED)
+            return np.full(len(experiment), DIVERGED_SPEED)
         return self._shown(states, experiment, use, run.values)
 
     def speeds(
         self, cases: Sequence[Case], gain: float = 0.0, step: float = FINE_STEP, workers: int = 1
     ) -> list[Array]:
         """The speed of each case, several at once among so many threads; see `speed`."""
-        found = [np.full(len(case.experiment), DIVERGED) for case in cases]
+        found = [np.full(len(case.experiment), DIVERGED_SPEED) for case in cases]
         for period in sorted({case.experiment.period for case in cases}):
             runs, uses, places = [], [], []
             for place, case in enumerate(cases):
@@ -218,10 +216,8 @@ class GreyBox:
         try:
             speed = self.physics.measure(states, experiment.period, use, machine)
         except LdtError:
-            return np.full(len(experiment), DIVERGED)
-        if math.isfinite(speed.sum()):
-            return speed
-        return np.nan_to_num(speed, nan=DIVERGED, posinf=DIVERGED, neginf=-DIVERGED)
+            return np.full(len(experiment), DIVERGED_SPEED)
+        return finite_speed(speed)
 
     def turn(self, tried: Sequence[Array], experiment: Experiment, noise: float) -> float:
         """Angle [rad] by which the start may differ without any difference in speed.

@@ -59,6 +59,13 @@ class CauseRun(NamedTuple):
     rest: bool = False
 
 
+def finite_speed(speed: Array) -> Array:
+    """A speed [rad/s] as it is, but `DIVERGED_SPEED` where no number says how large it is."""
+    if math.isfinite(speed.sum()):
+        return speed
+    return np.nan_to_num(speed, nan=DIVERGED_SPEED, posinf=DIVERGED_SPEED, neginf=-DIVERGED_SPEED)
+
+
 class Cause:
     """A machine and the one effect that is to explain its changes.
 
@@ -180,10 +187,7 @@ class Cause:
 
     def _shown(self, states: Array, experiment: Experiment, z: Array) -> Array:
         given = [(self.effect, self.given(z))]
-        speed = self.physics.measure(states, experiment.period, given)
-        return np.nan_to_num(
-            speed, nan=DIVERGED_SPEED, posinf=DIVERGED_SPEED, neginf=-DIVERGED_SPEED
-        )
+        return finite_speed(self.physics.measure(states, experiment.period, given))
 
     def _states(
         self,
