@@ -131,7 +131,7 @@ def _never_rows(study: Study) -> list[dict[str, Any]]:
         if where not in streams:
             never = study.baselines(entry.result)["never"]
             figures = scores_of(never, study.facts_of(never)).as_dict()
-            settings = {n: None for n in SETTINGS}
+            settings = dict.fromkeys(SETTINGS)
             settings |= {n: resolved[n] for n in ("degradation", "start")}
             row = {"groups": "baseline", **figures, "model": "original", **settings}
             streams[where] = {**row, "seconds": None, "beside": "", "key": ""}

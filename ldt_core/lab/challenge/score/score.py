@@ -93,7 +93,7 @@ def score_challenge(
     names = list(sealed)
     answering = {DIAGNOSIS: names}
     if comparators:
-        answering |= {who: names[: subset or None] for who in _able()}
+        answering |= dict.fromkeys(_able(), names[: subset or None])
     answers = _answers(sealed, without, answering, out, (jobs, scheduler), progress)
     truths = read_keys(keys)
     for name in names:
