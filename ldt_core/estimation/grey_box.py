@@ -21,13 +21,12 @@ from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment
 from ldt_core.estimation.effect.cause import AT_REST, DIVERGED_SPEED, finite_speed
+from ldt_core.estimation.effect.effect_coordinates import EffectCoordinates, Use
 from ldt_core.machine.machine_file import Machine
 from ldt_core.physics.base import ANGLE, CURRENT, NOT_TRACKED, SPEED, FreeRun, Work
 from ldt_core.physics.effect import Effect
-from ldt_core.physics.machine_sizes import LIMITS, in_own_sizes, is_limit, machine_scales, most_of
-from ldt_core.physics.parameter import Parameter, Values
-
-Use = list[tuple[Effect, dict[str, float]]]
+from ldt_core.physics.machine_sizes import LIMITS, is_limit, most_of
+from ldt_core.physics.parameter import Values
 
 #: Longest integration step [s] of the first, coarse fits, and of the last one. The speed of the
 #: rotor is exact to 1e-3 and 7e-5 then, less than the noise of a sensor of 0.1 % class.
@@ -97,15 +96,12 @@ class GreyBox:
             n for n, v in self.nominal.items() if v != 0 and tolerances.get(n, 0.0) > 0
         ]
         self.tolerance = np.array([tolerances[n] for n in self.uncertain])
-        self._parameters = [(e, p) for e in self.effects for p in e.parameters]
         k = len(self.uncertain)
         most_voltage = max(map(abs, machine.voltage_limits))
         self._most = most_of(self.nominal, most_voltage)
-        self._sizes = machine_scales(self.nominal, most_voltage)
-        low = [(self._least(p) - _default(p)) / self._scale(p) for _, p in self._parameters]
-        high = [(p.high - _default(p)) / self._scale(p) for _, p in self._parameters]
-        self.low = np.array([-WIDEST] * k + low)
-        self.high = np.array([WIDEST] * k + high)
+        self._own = EffectCoordinates(self.effects, self.nominal, most_voltage)
+        self.low = np.append(np.full(k, -WIDEST), self._own.low)
+        self.high = np.append(np.full(k, WIDEST), self._own.high)
 
     @property
     def size(self) -> int:
@@ -116,7 +112,7 @@ class GreyBox:
     def sized(self) -> list[int]:
         """Coordinates of the effects' parameters but for angles within a turn."""
         k = len(self.uncertain)
-        return [k + j for j, (_, p) in enumerate(self._parameters) if not p.cyclic]
+        return [k + j for j, p in enumerate(self._own.parameters) if not p.cyclic]
 
     def values(self, q: Array) -> tuple[dict[str, float], Use]:
         """The machine's parameters, and the effects with all their values."""
@@ -124,20 +120,11 @@ class GreyBox:
         machine = dict(self.nominal)
         for name, tolerance, x in zip(self.uncertain, self.tolerance, q[:k], strict=True):
             machine[name] = self.nominal[name] * math.exp(tolerance * x)
-        found = iter(q[k:])
-        use: Use = []
-        for effect in self.effects:
-            given = {}
-            for p in effect.parameters:
-                value = _default(p) + next(found) * self._scale(p)
-                given[p.name] = float(min(max(value, self._least(p)), p.high))
-            use.append((effect, given))
-        return machine, use
+        return machine, self._own.given(q[k:])
 
     def coordinates(self, given: Mapping[str, Mapping[str, float]], machine: Array) -> Array:
         """(n,) coordinates of effects with these values, beside (k,) machine coordinates."""
-        own = [(given[e.name][p.name] - _default(p)) / self._scale(p) for e, p in self._parameters]
-        return np.concatenate([machine, np.array(own)])
+        return np.concatenate([machine, self._own.at(given)])
 
     def at_rest(self, experiment: Experiment, noise: float) -> bool:
         """Whether the machine stood still at the first sample."""
@@ -273,32 +260,18 @@ class GreyBox:
         if effect.search:
             rows = itertools.product(*effect.search.values())
             sized = [
-                self._sized(effect, dict(zip(effect.search, row, strict=True))) for row in rows
+                self._own.sized(effect, dict(zip(effect.search, row, strict=True))) for row in rows
             ]
             return [{name: values[name] for name in effect.search} for values in sized]
         if len(effect.parameters) == 1 and is_limit(p := effect.parameters[0]):
             return [{p.name: part * self._most[p.unit]} for part in LIMITS[p.unit]]
-        typical, neutral = self._sized(effect, effect.typical), effect.neutral
+        typical, neutral = self._own.sized(effect, effect.typical), effect.neutral
         both = all(p.low < neutral[p.name] for p in effect.parameters)
         parts = (1 / 3, 1.0, -1.0) if both else (1 / 3, 1.0)
         return [
             {n: neutral[n] + part * (typical[n] - neutral[n]) for n in neutral} for part in parts
         ]
 
-    def _sized(self, effect: Effect, given: Mapping[str, float]) -> dict[str, float]:
-        return effect.check(in_own_sizes(effect, given, self._sizes))
-
-    def _scale(self, parameter: Parameter) -> float:
-        return (parameter.scale or 1.0) * self._sizes.get(parameter.unit, 1.0)
-
-    def _least(self, parameter: Parameter) -> float:
-        return parameter.least(self._scale(parameter))
-
 
 def _shortest(step: float, period: float) -> float:
     return SHORTEST * min(step, period)
-
-
-def _default(parameter: Parameter) -> float:
-    assert parameter.default is not None  # an effect's parameters all have one
-    return parameter.default

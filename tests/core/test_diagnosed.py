@@ -21,7 +21,7 @@ from ldt_core.estimation.effect.cause import Cause
 from ldt_core.estimation.effect.start_angle import FoundAngle, believe
 from ldt_core.estimation.noise import correlation_time
 from ldt_core.machine import Plant
-from ldt_core.machine.machine_file import load_machine
+from ldt_core.machine.machine_file import load_machine, machine_from_dict
 from ldt_core.models import build_model
 from ldt_core.models.diagnosed import DiagnosedModel
 from ldt_core.models.physics import PhysicsModel
@@ -301,6 +301,37 @@ def test_which_angle_makes_no_difference_is_found_by_the_machine_itself():
     assert turn(MOTOR, "viscous_friction") == 0
 
 
+def test_a_cause_is_sought_in_the_machine_s_own_sizes():
+    """A motor with a ten-thousandth of the torques turns as fast, and learns the same friction."""
+
+    def friction(part):
+        volts = math.sqrt(part)
+        keys = {
+            "name": "m",
+            "physics": "dc_motor",
+            "parameters": {
+                "J": 1e-3 * part,
+                "K_t": 0.05 * volts,
+                "R": 1.0,
+                "L": 1e-3,
+                "b": 1e-4 * part,
+            },
+            "limits": {"voltage": [-24 * volts, 24 * volts]},
+            "experiment": {"duration": 4, "sample_period": 0.01},
+            "simulation": {
+                "voltage": {"kind": "steps", "low": -12 * volts, "high": 12 * volts, "hold": 0.5},
+                "noise": NOISE,
+            },
+        }
+        small = machine_from_dict(keys, "m")
+        sick = plant(f"coulomb_friction:torque={0.03 * part}", machine=small).experiment(1)
+        found = DiagnosedModel(small, cause="coulomb_friction").fit([sick])
+        return found.given["torque"] / part
+
+    assert friction(1.0) == pytest.approx(0.03, rel=0.02)
+    assert friction(1e-4) == pytest.approx(friction(1.0), rel=1e-3)
+
+
 def test_angles_weigh_by_their_precision_and_round_the_turn():
     """Angles just above 0 and just below pi are the same; a wrong one among many does no harm."""
     alike = [FoundAngle(n, a, 0.02) for n, a in enumerate((0.01, math.pi - 0.02, 0.015), 1)]
@@ -337,7 +368,7 @@ CHILD = """
 import json, sys
 from dataclasses import replace
 from ldt_core.base.experiment import Experiment
-from ldt_core.machine.machine_file import load_machine
+from ldt_core.machine.machine_file import load_machine, machine_from_dict
 from ldt_core.models.diagnosed import DiagnosedModel
 given = json.loads(sys.stdin.read())
 e = Experiment(1, 0.0, 0.01, given["voltage"], given["speed"])

@@ -14,6 +14,7 @@ import numpy as np
 from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment
+from ldt_core.estimation.effect.effect_coordinates import EffectCoordinates
 from ldt_core.physics.base import ANGLE, CURRENT, SPEED, FreeRun
 
 if TYPE_CHECKING:
@@ -69,7 +70,7 @@ def finite_speed(speed: Array) -> Array:
 class Cause:
     """A machine and the one effect that is to explain its changes.
 
-    The effect's parameters are handled as coordinates z = (value - neutral value) / scale.
+    The effect's parameters are handled as `EffectCoordinates` z.
 
     Args:
         machine: as it is known beforehand.
@@ -81,23 +82,20 @@ class Cause:
         self.machine, self.values, self.effect = machine, dict(values), effect
         self.physics = machine.model
         self.names = [p.name for p in effect.parameters]
-        self.neutral = np.array([effect.neutral[n] for n in self.names])
-        self.scale = np.array([p.scale or 1.0 for p in effect.parameters])
-        low = [p.least(p.scale or 1.0) for p in effect.parameters]
-        high = [p.high for p in effect.parameters]
-        self.low = (np.array(low) - self.neutral) / self.scale
-        self.high = (np.array(high) - self.neutral) / self.scale
+        most_voltage = max(map(abs, machine.voltage_limits))
+        self._own = EffectCoordinates([effect], self.values, most_voltage)
+        self.scale, self.low, self.high = self._own.scale, self._own.low, self._own.high
         #: Coordinates of the effect at its typical size.
-        self.typical = self.coordinates({**effect.neutral, **effect.typical})
+        self.typical = self.coordinates(self._own.sized(effect, effect.typical))
 
     def given(self, z: Array) -> dict[str, float]:
         """The effect's parameters at coordinates z (d,), within their bounds."""
-        values = self.neutral + np.clip(z, self.low, self.high) * self.scale
-        return dict(zip(self.names, values.tolist(), strict=True))
+        ((_, given),) = self._own.given(z)
+        return given
 
     def coordinates(self, given: Mapping[str, float]) -> Array:
         """(d,) coordinates of these parameters."""
-        return (np.array([given[n] for n in self.names]) - self.neutral) / self.scale
+        return self._own.at({self.effect.name: given})
 
     @functools.cached_property
     def turn(self) -> float:
