@@ -1,7 +1,7 @@
 """Effects' terms of eight free runs at once; see `terms.py`.
 
-A term that takes no decision is compiled for lanes as it stands. Of any other, and of any that numba
-refuses for lanes, the machine code for floats is called lane by lane.
+A term that takes no decision is compiled for lanes as it stands. Of any other, and of any that
+numba refuses for lanes, the machine code for floats is called lane by lane.
 """
 
 from __future__ import annotations

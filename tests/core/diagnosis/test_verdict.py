@@ -504,7 +504,8 @@ def test_a_second_law_that_leaves_noise_alone_is_named_or_noted(effects, named, 
 def test_a_small_cause_far_out_of_the_noise_is_named_beside_a_large_one():
     """It is a thousandth of the gap, and takes away all that the large one leaves."""
     effects = ("motor_constant:factor=0.8", "gravity_imbalance:torque=0.02")
-    found = diagnose(ROTOR, record(ROTOR, *effects, count=4, samples=1000), workers=1)
+    names = (*OWN_NUMBERS, *FRICTION, "gravity_imbalance", "cogging_torque", "constant_load")
+    found, _ = verdict(*effects, names=names, samples=1000)
     assert set(found.verdict.effects) == {"motor_constant", "gravity_imbalance"}
     assert found.gap.after.rmse < 1.1 * NOISE
 
