@@ -1,11 +1,12 @@
 """Effects' terms of eight free runs at once; see `terms.py`.
 
-A term that takes no decision by a value is compiled for lanes as it stands. Of any other, and of
-any that numba refuses for lanes, the machine code for floats is called lane by lane.
+A term that takes no decision is compiled for lanes as it stands. Of any other, and of any that
+numba refuses for lanes, the machine code for floats is called lane by lane.
 """
 
 from __future__ import annotations
 
+import dis
 import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -63,11 +64,21 @@ class LaneTerms(NamedTuple):
 
 def compile_for_lanes(function: Callable[..., Any], stateful: bool) -> Any:
     """The function as machine code for lanes, None where it must be called lane by lane."""
+    # What numba refuses is in no cache: every process would prepare the compiler to hear it again.
+    if _decides(function):
+        return None
     signature = TERM_WITH_STATES if stateful else TERM
     try:
         return cfunc(signature, function)
     except (NumbaError, TypeError, NotImplementedError):
         return None
+
+
+def _decides(function: Callable[..., Any]) -> bool:
+    """Whether its bytecode has a conditional jump, which lanes could take only together."""
+    code = getattr(getattr(function, "py_func", function), "__code__", None)
+    names = () if code is None else (i.opname for i in dis.get_instructions(code))
+    return any("JUMP" in name and "IF" in name for name in names)
 
 
 def _caller(pointers: int) -> Any:

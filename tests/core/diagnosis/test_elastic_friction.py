@@ -106,7 +106,11 @@ def test_a_diagnosis_finds_the_turn_and_its_file_gives_it_back(tmp_path):
 
 @pytest.mark.slow
 def test_plain_friction_gets_no_turn():
-    found = diagnose(MOTOR, record(MOTOR, "coulomb_friction:torque=0.1", noise=0.02))
+    """Beside its relatives, and what else may stand for it."""
+    tried = [e for e in map(get_effect, EFFECTS.names()) if e.family in ("dry friction", "drag")]
+    tried += [get_effect("constant_load"), get_effect("inertia")]
+    experiments = record(MOTOR, "coulomb_friction:torque=0.1", noise=0.02)
+    found = diagnose(MOTOR, experiments, effects=tried)
     (named,) = found.effects
     assert named["parameters"].keys() == {"torque"}
 

@@ -290,10 +290,12 @@ def test_what_the_current_shows_is_a_cause_though_the_file_can_follow_the_speed(
 def test_laws_of_one_family_that_hardly_differ_are_a_group():
     """A Coulomb friction with a little of Stribeck's peak is either; a large peak is Stribeck's."""
     found = {}
+    tried = [e for e in map(get_effect, EFFECTS.names()) if e.family in ("dry friction", "drag")]
+    tried += [get_effect("constant_load"), get_effect("inertia")]
     for static in (0.01, 0.2):
         law = f"stribeck_friction:torque=0.1,static={static},velocity=4"
         machine = record(ROTOR, law, count=4, volts=(-8.0, 8.0), samples=600, hold=60)
-        found[static] = diagnose(ROTOR, machine).verdict.acting
+        found[static] = diagnose(ROTOR, machine, effects=tried).verdict.acting
     assert found[0.2] == [["stribeck_friction"]]
     ((*group,),) = found[0.01]
     assert group[0] == "stribeck_friction"  # what follows the machine best is what predicts it

@@ -40,6 +40,11 @@ FEW = (
     "sensor_bias",
 )
 FORWARD = (4.0, 14.0)  # V
+#: What may stand for a cause of the tests of several causes: relatives, and what fits better alone.
+OWN_NUMBERS = ("inertia", "motor_constant", "armature_resistance")
+DRIVE = ("input_delay", "sensor_lag", "voltage_saturation", "current_limit", "magnetic_saturation")
+FRICTION = ("coulomb_friction", "viscous_friction", "viscous_asymmetric", "quadratic_drag")
+FOUNDATION = ("unbalance", "foundation_stiffness", "foundation_damping")
 
 
 def verdict(*effects, names=FEW, machine=ROTOR, refit=None, **recording):
@@ -424,8 +429,8 @@ def test_a_closed_part_is_a_part():
 def test_what_acts_only_together_is_found():
     """A softer foundation shows nothing without unbalance, which alone explains nothing here."""
     effects = ("unbalance:e=0.004", "foundation_stiffness:x=0.5,y=0.6")
-    recording = {"count": 4, "samples": 1200, "volts": (3.0, 14.0), "hold": 100}
-    found = diagnose(ROTOR, record(ROTOR, *effects, **recording), workers=1)
+    names = (*FOUNDATION, *OWN_NUMBERS, "coulomb_friction", "gravity_imbalance")
+    found, _ = verdict(*effects, names=names, samples=1200, volts=(3.0, 14.0), hold=100)
     assert set(found.verdict.effects) == {"unbalance", "foundation_stiffness"}
     assert found.gap.after.rmse < 1.1 * NOISE
     (amount,) = (c.parameters["e"] for c in found.candidates if c.effect == "unbalance")
@@ -442,7 +447,8 @@ def test_a_foundation_that_is_known_roughly_gets_no_name_beside_the_unbalance():
     spread = {n: abs(f - 1) * ROTOR.parameters[n] for n, f in off.items()}
     own = replace(ROTOR, parameters={n: v * off.get(n, 1) for n, v in ROTOR.parameters.items()})
     recording = record(own, "unbalance:e=0.006", count=5, samples=2000, volts=(6, 16), hold=100)
-    found = diagnose(ROTOR.with_deviations(spread), recording, workers=1)
+    tried = [get_effect(n) for n in (*FOUNDATION, *OWN_NUMBERS, "coulomb_friction")]
+    found = diagnose(ROTOR.with_deviations(spread), recording, effects=tried, workers=1)
     assert found.verdict.acting == [["unbalance"]]
     assert found.gap.after.rmse < 1.1 * NOISE
     (amount,) = (c.parameters["e"] for c in found.candidates if c.effect == "unbalance")
@@ -455,7 +461,8 @@ def test_a_foundation_that_is_known_roughly_gets_no_name_beside_the_unbalance():
 def test_three_causes_are_named_though_other_pairs_fit_better():
     """The best pair holds but one of them; its members are exchanged."""
     effects = ("motor_constant:factor=0.9", "coulomb_friction:torque=0.1", "input_delay:delay=0.03")
-    found = diagnose(ROTOR, record(ROTOR, *effects, count=8, samples=1000), workers=1)
+    names = (*OWN_NUMBERS, *DRIVE, *FRICTION, "brush_drop", "constant_load", "input_deadzone")
+    found, _ = verdict(*effects, names=names, count=8, samples=1000)
     named = {"motor_constant", "coulomb_friction", "input_delay"}
     assert {group[0] for group in found.verdict.acting} == named
 
@@ -468,7 +475,9 @@ def test_a_limit_that_one_experiment_reaches_is_found_beside_a_delay():
     levels = [np.resize(np.repeat(random.uniform(-8, 8, 200), h), 3000) for h in holds]
     levels[2] = 1.3 * levels[2]
     effects = "input_delay:delay=0.08", "voltage_saturation:limit=8.5"
-    found = diagnose(MOTOR, record(MOTOR, *effects, count=8, samples=3000, levels=levels))
+    names = (*OWN_NUMBERS, *DRIVE, "coulomb_friction", "armature_inductance")
+    recording = {"count": 8, "samples": 3000, "levels": levels}
+    found, _ = verdict(*effects, names=names, machine=MOTOR, **recording)
     assert found.verdict.acting == [["input_delay"], ["voltage_saturation"]]
 
 
@@ -485,7 +494,8 @@ def test_a_second_law_that_leaves_noise_alone_is_named_or_noted(effects, named, 
 
     A relative may be the first one's own law: it is noted.
     """
-    found = diagnose(MOTOR, record(MOTOR, *effects, count=6, samples=600, noise=0.02))
+    names = (*FRICTION, "inertia", "constant_load")
+    found, _ = verdict(*effects, names=names, machine=MOTOR, count=6, samples=600, noise=0.02)
     assert len(found.verdict.acting) == named
     assert any("only noise is left" in note for note in found.notes) is noted
 
@@ -494,7 +504,8 @@ def test_a_second_law_that_leaves_noise_alone_is_named_or_noted(effects, named, 
 def test_a_small_cause_far_out_of_the_noise_is_named_beside_a_large_one():
     """It is a thousandth of the gap, and takes away all that the large one leaves."""
     effects = ("motor_constant:factor=0.8", "gravity_imbalance:torque=0.02")
-    found = diagnose(ROTOR, record(ROTOR, *effects, count=4, samples=1000), workers=1)
+    names = (*OWN_NUMBERS, *FRICTION, "gravity_imbalance", "cogging_torque", "constant_load")
+    found, _ = verdict(*effects, names=names, samples=1000)
     assert set(found.verdict.effects) == {"motor_constant", "gravity_imbalance"}
     assert found.gap.after.rmse < 1.1 * NOISE
 
