@@ -77,10 +77,14 @@ class EffectSetSearch(SetFits):
         self._alone()
         bases = BASES
         for count in range(1, THRESHOLDS.largest_set + 1):
-            if count == 2:
-                self._pairs()
             if count > 1:
-                self._build_on(count - 1, bases)
+                before = self._best(count - 1)[0]
+                room = self._room_for_more(before)
+                if not room and not self._promised(before, enough):
+                    break
+                if count == 2:
+                    self._pairs()
+                self._build_on(count - 1, bases if room else 1)
                 if not self._best(count):  # no candidate is left that shows
                     break
                 before = self._best(count - 1)[0]
@@ -164,6 +168,22 @@ class EffectSetSearch(SetFits):
         """Whether a set leaves so much that a further effect could be named by its own part."""
         left, gap = self.band.excess(best.residual), self.band.excess(self.responses.base)
         return left > THRESHOLDS.further_effect_of_gap * gap
+
+    def _promised(self, best: EffectFit, enough: float) -> bool:
+        """Whether a further effect promises half of what a set leaves, if that is little.
+
+        Or whether two promise nearly all of it, which may stand in the place of a member. So little
+        is linear in the effects that cause it: what no response explains, no fit finds.
+        """
+        count = len(best.effects)
+        self._scout([TriedSet(best.effects, best.z[:count], best.starts)])  # to its very end
+        best = self._best(count)[0]
+        one, two = self._about(best).explained_beside(best)
+        left = self.band.excess(best.residual)
+        return left >= enough and (
+            one > THRESHOLDS.further_effect_of_remainder * left
+            or two > THRESHOLDS.nearly_all_of_remainder * left
+        )
 
     def _gained(self, count: int) -> bool:
         """Whether the best set of a size takes away half of what the best smaller one leaves."""
@@ -268,9 +288,11 @@ class EffectSetSearch(SetFits):
 
     def _about(self, base: EffectFit) -> Responses:
         """What the other effects do beside a set: some act only together with another one."""
+        if base in self.beside:
+            return self.beside[base]
         others = [c for c in self.candidates if c.name not in base.names]
         promising, ripples = self.responses.promising(base, STARTS_BESIDE), self.ripples(base)
-        return simulate_all(
+        self.beside[base] = simulate_all(
             self.scout,
             others,
             lambda: self.tick("simulating effects"),
@@ -278,6 +300,7 @@ class EffectSetSearch(SetFits):
             self.workers,
             lambda c: [*promising(c), *begun_at(c, ripples)],
         )
+        return self.beside[base]
 
     def additions(
         self, base: EffectFit, count: int, close: float = 0.0, about: Responses | None = None

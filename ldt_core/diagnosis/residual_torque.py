@@ -12,6 +12,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import BSpline
 
 from ldt_core.base.arrays import Array
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals, Use
@@ -35,7 +37,7 @@ SPLINE_KNOTS = 8  # of each quantity: a law is smooth over an eighth of the data
 #: Per turn: a half and low multiples, of which ripples consist.
 SHAFT_ORDERS = (0.5, 1.0, 2.0, 3.0, 4.0)
 LAGS = (1, 2, 4, 8)  # time constants of the motor, at which what went before is looked up
-RIDGE_PENALTY = 1.0  # on standardised columns: keeps those that are alike in check
+RIDGE_PENALTY = 1.0  # on splines, which are between 0 and 1: keeps those alike in check
 FOLDS = 5  # of cross-validation: each model sees four fifths of the experiments
 
 
@@ -192,39 +194,48 @@ def depends_on(residuals: FreeRunResiduals, left: ResidualTorque) -> list[str]:
     acceleration, time, experiment, shaft angle, and what went before. A step counts when it
     predicts experiments that it was not fitted to better than the steps below.
     """
-    from sklearn.linear_model import Ridge
-    from sklearn.model_selection import GroupKFold, cross_val_predict
-    from sklearn.pipeline import make_pipeline
-    from sklearn.preprocessing import SplineTransformer, StandardScaler
-
     groups = np.repeat(np.arange(len(left.pieces)), left.pieces)
     take = np.arange(0, left.torque.size, max(1, left.torque.size // MOST_SAMPLES))
     if len(left.pieces) < FOLDS:  # parts of experiments instead
         groups = np.arange(left.torque.size) * 2 * FOLDS // left.torque.size
-    target, groups = left.torque[take], groups[take]
+    target, folds = left.torque[take], groups[take] % FOLDS
     explainable = max(float(np.mean(left.power)), 1e-300)
-    folds = GroupKFold(min(FOLDS, len(set(groups.tolist()))))
     columns: list[Array] = []
     found: list[str] = []
     best = float(np.mean(target**2))
     for name, added in _ladder(residuals, left):
-        tried = np.column_stack([*columns, *(c[take] for c in added)])
         # What changes by less has no variance in floating point: nothing can depend on it.
-        tried = tried[:, np.ptp(tried, axis=0) > np.sqrt(np.finfo(np.float64).tiny)]
-        if tried.shape[1] == 0:
+        seen = [c[take] for c in added if np.ptp(c[take]) > np.sqrt(np.finfo(np.float64).tiny)]
+        if not seen:
             continue
-        model = make_pipeline(
-            StandardScaler(),
-            SplineTransformer(SPLINE_KNOTS, knots="quantile"),
-            Ridge(RIDGE_PENALTY),
-        )
-        guessed = cross_val_predict(model, tried, target, cv=folds, groups=groups)
+        tried = [*columns, *map(_splines, seen)]
+        guessed = _predicted(np.column_stack(tried), target, folds)
         square = float(np.mean((target - guessed) ** 2))
         if best - square > LEAST_GAIN * explainable:
             found.append(name)
             best = square
-            columns += [c[take] for c in added]
+            columns = tried
     return found
+
+
+def _splines(x: Array) -> Array:
+    """(N, q) cubic B-splines of x (N,), whose knots have as many samples between them."""
+    knots = np.unique(np.quantile(x, np.linspace(0.0, 1.0, SPLINE_KNOTS)))
+    knots = np.concatenate([[knots[0]] * 3, knots, [knots[-1]] * 3])
+    return np.asarray(BSpline.design_matrix(x, knots, 3).toarray())
+
+
+def _predicted(columns: Array, target: Array, folds: NDArray[np.int64]) -> Array:
+    """(N,) ridge regression on columns (N, p), each fold predicted from the others."""
+    design = np.column_stack([np.ones(target.size), columns])
+    penalty = RIDGE_PENALTY * np.eye(design.shape[1])
+    penalty[0, 0] = 0.0  # the mean is free
+    guessed = np.empty(target.size)
+    for fold in np.unique(folds):
+        kept, rows = design[folds != fold], design[folds == fold]
+        weights = np.linalg.solve(kept.T @ kept + penalty, kept.T @ target[folds != fold])
+        guessed[folds == fold] = rows @ weights
+    return guessed
 
 
 def _ladder(residuals: FreeRunResiduals, left: ResidualTorque) -> list[tuple[str, list[Array]]]:

@@ -22,6 +22,7 @@ from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
 
 #: Least and largest factor by which a response may be scaled: within, it hardly changes shape.
 SHRINK, STRETCH = 0.02, 4.0
+ALIKE = 1e-3  # squared sine of the angle below which two responses are one
 OTHER_START = 0.3  # change of a response's scale factor from which it counts as another start
 
 
@@ -87,6 +88,27 @@ class Responses:
             (c := self.candidates[i], c.scaled(self.z[k], float(scale[k])), float(gain[k]))
             for i, k in chosen.items()
         ]
+
+    def explained_beside(self, base: EffectFit) -> tuple[float, float]:
+        """Most of a set's loss that one response explains, and that two of different effects do.
+
+        To first order, of any size, and with the set's own parameters free to follow.
+        """
+        span = following(base)
+        moved = self.responses - (self.responses @ span) @ span.T
+        left = base.residual - span @ (span.T @ base.residual)
+        size = np.einsum("ij,ij->i", moved, moved)
+        shown = size > ALIKE * np.diag(self.gram)
+        if not shown.any():
+            return 0.0, 0.0
+        unit, owner = moved[shown] / np.sqrt(size[shown])[:, None], self.owner[shown]
+        along, cosine = unit @ left, unit @ unit.T
+        power = along**2
+        rest = 1.0 - cosine**2
+        apart = (owner[:, None] != owner) & (rest > ALIKE)
+        both = power[:, None] + power - 2 * cosine * np.outer(along, along)
+        two = np.where(apart, both / np.where(apart, rest, 1.0), 0.0)
+        return float(power.max()), float(two.max())
 
     def promising(self, base: EffectFit, count: int) -> Callable[[Candidate], Sequence[Array]]:
         """For a candidate, those of its coordinates that promise most beside a set.

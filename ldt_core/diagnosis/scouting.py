@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -11,7 +12,7 @@ from ldt_core.diagnosis.effect_fit import EffectFit, used
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals, Used
 from ldt_core.diagnosis.nominal_prior import NominalPrior
 
-SCOUT_SAMPLES = 6_000  # in the scout's experiments together, about: bounds the time of a fit
+SCOUT_SAMPLES = 4_000  # in the scout's experiments together, about: bounds the time of a fit
 SCOUT_EXPERIMENTS = 8  # at most: enough to show every part of a recording
 WILD = 10.0  # times the loss without effects: a fit that begins with more may never find back
 WEAKENINGS = 6  # halvings of a wild set's effects, down to a 64th
@@ -78,7 +79,7 @@ def scouted(residuals: FreeRunResiduals, rest: Array) -> list[int]:
         rest: (size,) what is to be explained.
     """
     sizes = [p.rows.stop - p.rows.start for p in residuals.pieces]
-    count = max(1, min(SCOUT_EXPERIMENTS, round(SCOUT_SAMPLES / max(np.mean(sizes), 1))))
+    count = min(SCOUT_EXPERIMENTS, math.ceil(SCOUT_SAMPLES / max(np.mean(sizes), 1)))
     order = np.argsort([-np.mean(rest[p.rows] ** 2) for p in residuals.pieces], kind="stable")
     chosen = np.linspace(0, len(sizes) - 1, min(count, len(sizes)))
     return sorted({int(order[round(i)]) for i in chosen})

@@ -21,7 +21,7 @@ from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
 from ldt_core.diagnosis.law_departure import LawDepartures
 from ldt_core.diagnosis.model_selection import FittedSets, Names, plain_enough
 from ldt_core.diagnosis.nominal_prior import NominalCandidate, NominalPrior
-from ldt_core.diagnosis.responses import simulate_all
+from ldt_core.diagnosis.responses import Responses, simulate_all
 from ldt_core.diagnosis.ripple_orders import ORDER, Ripple, begun_at, ripple_orders
 from ldt_core.diagnosis.scouting import bearable, empty, scouted, told
 from ldt_core.diagnosis.start_states import StartStates
@@ -99,6 +99,8 @@ class SetFits:
         # Without any effect: the machine's own parameters alone.
         self.found.fits[frozenset()] = alone
         self.found.scouted[frozenset()] = fitted or empty(self.scout)
+        #: What the other effects do beside a scouted set.
+        self.beside: dict[EffectFit, Responses] = {}
         self.band = ErrorBand(self.scout)
         self.departures = LawDepartures(self.scout, self.responses.base)
 
