@@ -73,10 +73,3 @@ def test_a_further_effect_is_fitted_where_one_can_explain_what_is_left():
     effects = "coulomb_friction:torque=0.2", "viscous_friction:b=0.0005"
     measured = record(MOTOR, *effects, count=4, samples=600, noise=0.02)
     assert 2 in sizes_tried(measured)
-
-
-def test_two_that_stand_for_a_third_are_fitted():
-    """A brake and a fan, of which viscous friction leaves a hundredth, and one alone mends little."""
-    effects = "coulomb_friction:torque=0.1", "quadratic_drag:c=5e-5"
-    measured = record(MOTOR, *effects, count=4, samples=600, noise=0.02)
-    assert 2 in sizes_tried(measured)
