@@ -1,0 +1,75 @@
+"""Claims about what responses tell before anything is fitted."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from recorded_machines import MOTOR, candidates, record
+
+from ldt_core.diagnosis.effect_fit import EffectFit
+from ldt_core.diagnosis.effect_set_search import EffectSetSearch
+from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
+from ldt_core.diagnosis.responses import Responses
+
+TRIED = ("coulomb_friction", "viscous_friction", "quadratic_drag", "inertia", "sensor_gain")
+SAMPLES = 30
+
+
+def left_by(rows: np.ndarray, left: np.ndarray) -> float:
+    """Sum of squares that the best combination of rows leaves."""
+    weights = np.linalg.lstsq(rows.T, left, rcond=None)[0]
+    return float(np.sum((left - rows.T @ weights) ** 2))
+
+
+@given(st.integers(0, 10_000))
+@settings(max_examples=30)
+def test_what_one_and_two_explain_is_what_least_squares_takes(seed):
+    """Of any responses, beside what the set's own parameter can follow, by any amount."""
+    random = np.random.default_rng(seed)
+    members = tuple(candidates(MOTOR, TRIED))
+    owner = np.array([1, 1, 2, 2, 3, 4])
+    rows, left = random.normal(size=(owner.size, SAMPLES)), random.normal(size=SAMPLES)
+    slope = 10 * random.normal(size=(SAMPLES, 1))
+    base = EffectFit(members[:1], (members[0].starts()[0],), left, slope, float(left @ left))
+    z = [np.zeros(1)] * owner.size
+    responses = Responses(None, members, owner, z, rows, rows @ rows.T, left)
+    alone = left_by(slope.T, left)
+    one = min(left_by(np.vstack([slope.T, r]), left) for r in rows)
+    two = min(
+        left_by(np.vstack([slope.T, rows[[i, j]]]), left)
+        for i in range(owner.size)
+        for j in range(i)
+        if owner[i] != owner[j]
+    )
+    assert responses.explained_beside(base) == pytest.approx((alone - one, alone - two))
+
+
+@pytest.fixture(scope="module")
+def wavering():
+    """Experiments of a motor with a brake, and a sine of ten noises that no effect gives."""
+    measured = record(MOTOR, "coulomb_friction:torque=0.2", count=4, samples=600)
+    return [replace(e, speed=e.speed + 0.5 * np.sin(20 * e.time)) for e in measured]
+
+
+def sizes_tried(experiments) -> set[int]:
+    """Numbers of effects of the sets that were fitted."""
+    residuals = FreeRunResiduals(MOTOR, experiments)
+    search = EffectSetSearch(residuals, candidates(MOTOR, TRIED))
+    search.run()
+    return {len(names) for names in search.found.scouted}
+
+
+def test_no_further_effect_is_fitted_where_none_can_explain_what_is_left(wavering):
+    """Sets of two take most of the time, and were fitted to any trifle of an inexact law."""
+    assert sizes_tried(wavering) == {0, 1}
+
+
+def test_a_further_effect_is_fitted_where_one_can_explain_what_is_left():
+    """However little that is."""
+    effects = "coulomb_friction:torque=0.2", "viscous_friction:b=0.0005"
+    measured = record(MOTOR, *effects, count=4, samples=600, noise=0.02)
+    assert 2 in sizes_tried(measured)
