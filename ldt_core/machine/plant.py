@@ -27,6 +27,7 @@ import numpy as np
 from ldt_core.base.arrays import Array
 from ldt_core.base.errors import MachineFileError, did_you_mean
 from ldt_core.base.experiment import Experiment
+from ldt_core.base.own_process import undivided
 from ldt_core.base.settings import FROM_FILE
 from ldt_core.effects import get_effect, parse_effect
 from ldt_core.machine.degradation import schedule
@@ -149,6 +150,7 @@ class Plant:
         """Effect → its values in experiment `number`."""
         return {effect.name: dict(given) for effect, given in self.acting(number)}
 
+    @undivided()
     def experiment(self, number: int) -> Experiment:
         """Experiment `number` (from 1).
 

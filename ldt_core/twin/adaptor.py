@@ -28,6 +28,7 @@ from ldt_core.base.experiment import (
     Signal,
 )
 from ldt_core.base.model_state import shown_state
+from ldt_core.base.own_process import undivided
 from ldt_core.base.settings import resolve
 from ldt_core.estimation.doubtful_speed import speed_doubt
 from ldt_core.machine.experiment_limits import too_long_to_learn
@@ -126,6 +127,7 @@ class Adaptor:
         #: The last verdict that named a cause.
         self.named: DiagnosisRecord | None = None
 
+    @undivided()
     def step(self, experiment: Experiment, signal: Signal) -> tuple[Adaptation, Model]:
         """Deal with one experiment; (what was done, the model that goes on).
 
