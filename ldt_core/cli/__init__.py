@@ -141,7 +141,7 @@ def invoke(command: click.Command, arguments: list[str] | None = None) -> int:
             raise
         return _say(f"{error}: memory or the number of processes is at its limit", 1)
     except ImportError as error:  # of what is installed, or there is no memory to load it
-        return _say(f"a library cannot be loaded: {error}", 1)
+        return _say(f"a library cannot be loaded: {error}{_shadowed(error)}", 1)
     except OSError as error:
         place = str(error.filename or _nameless())[:LONGEST_PLACE]
         code = 2 if error.errno in UNNAMEABLE else 1
@@ -149,8 +149,24 @@ def invoke(command: click.Command, arguments: list[str] | None = None) -> int:
     except BaseException as error:
         if isinstance(error, Exception | KeyboardInterrupt):
             raise
+        if _raised_in(error) == click.core.__name__:  # its answer to a reader that has left
+            return 1
         did = "would end the program" if isinstance(error, SystemExit) else NO_EXCEPTION
         return _say(f"a part of your own {did}: {reason_of(error)}", 1)
+
+
+def _raised_in(error: BaseException) -> str:
+    """Name of the module that raised it."""
+    at = error.__traceback__
+    while at is not None and at.tb_next is not None:
+        at = at.tb_next
+    return str(at.tb_frame.f_globals.get("__name__")) if at else ""
+
+
+def _shadowed(error: ImportError) -> str:
+    """Where a module is from that lacks a part: a file of the user's may have a library's name."""
+    file = getattr(sys.modules.get(str(error.name).partition(".")[0]), "__file__", None)
+    return f" ({file})" if file and "." in str(error.name) else ""
 
 
 def _nameless() -> str:
