@@ -18,13 +18,13 @@ last one ended, and an experiment asked for out of order is computed from the fi
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Mapping, Sequence
 from typing import Any, Self
 
 import numpy as np
 
 from ldt_core.base.arrays import Array
+from ldt_core.base.clock import computer_time
 from ldt_core.base.errors import MachineFileError, did_you_mean
 from ldt_core.base.experiment import Experiment
 from ldt_core.base.own_process import undivided
@@ -128,7 +128,7 @@ class Plant:
             noise=None if noise == FROM_FILE else noise,
             voltage=settings["voltage"],
             start=settings["start"],
-            start_time=time.time() if begin == FROM_FILE else begin,
+            start_time=computer_time() if begin == FROM_FILE else begin,
             measure_current=settings["measure_current"],
         )
 

@@ -10,11 +10,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ldt_core.base.clock import LATEST
 from ldt_core.base.errors import OptionError, RecordingError
 from ldt_core.base.experiment import Experiment
 from ldt_core.base.sentences import counted
 from ldt_core.base.units import UNITS, Field, parse_field, propose_fields
-from ldt_core.machine.experiment_limits import LATEST, SHORTEST_PERIOD
+from ldt_core.machine.experiment_limits import SHORTEST_PERIOD
 from ldt_core.physics.parameter import LARGEST
 from ldt_core.recording.csv_table import CsvTable
 from ldt_core.recording.message_fields import parse_field_path, read_fields

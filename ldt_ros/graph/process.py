@@ -48,7 +48,7 @@ SPIN = 0.1  # s, how late a stop signal may be noticed when nothing arrives
 
 
 def stop_event() -> threading.Event:
-    """An event that SIGINT and SIGTERM set, also those that came while they were blocked.
+    """An event that SIGINT, SIGTERM and SIGHUP set, also those that came while they were blocked.
 
     rclpy's own handlers shut the context down before the last message is out, so they are not used.
     """
