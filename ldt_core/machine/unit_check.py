@@ -38,7 +38,12 @@ def other_unit(machine: Machine, e: Experiment) -> str:
     reached = UNIT_FACTOR * max(volts * p["K_t"] / braked, abs(float(e.speed[0]))) + noise
     if (fastest := float(np.abs(e.speed).max())) > reached:
         return _told(f"reaches {fastest:.3g} rad/s with {volts:.3g} V", reached)
-    constant, file = _time_constant(e), p["J"] * p["R"] / braked
+    constant, gain = _response(e)
+    if gain < 0:
+        return (
+            f"the speed falls by {-gain:.3g} rad/s for each volt: one of the two has the other sign"
+        )
+    file = p["J"] * p["R"] / braked
     if constant > UNIT_FACTOR * max(file, p["L"] / p["R"]):
         return f"the speed follows the voltage in {constant:.2g} s, in {file:.2g} s by {FILE}"
     return ""
@@ -51,8 +56,8 @@ def _told(what: str, most: float) -> str:
     return f"the speed {what}, at most {most / UNIT_FACTOR:.2g} by {FILE}"
 
 
-def _time_constant(e: Experiment) -> float:
-    """Of the speed behind the voltage [s], too short where noise is; 0 where none fits.
+def _response(e: Experiment) -> tuple[float, float]:
+    """(time constant [s], too short where noise is; gain [rad/s/V]); 0 where none fits.
 
     Ljung (1999), System Identification, 4.2: least squares of an ARX model of first order.
     """
@@ -61,16 +66,18 @@ def _time_constant(e: Experiment) -> float:
     u, w = (x[: count * size].reshape(-1, size).mean(axis=1) for x in (e.voltage, e.speed))
     spread = float(np.var(w[1:])) if count > 8 else 0.0
     if spread == 0.0 or np.ptp(u) == 0.0:
-        return 0.0
+        return 0.0, 0.0
     rows = np.column_stack([w[:-1], u[:-1], u[1:], np.ones(count - 1)])
     fit, *_ = np.linalg.lstsq(rows, w[1:], rcond=None)
     pole = float(fit[0])
     if not 0 < pole < 1:
-        return 0.0
+        return 0.0, 0.0
     # Free run: one step ahead, any slow speed explains itself.
     now, left = float(w[0]), 0.0
     for pushed, measured in zip((rows[:, 1:] @ fit[1:]).tolist(), w[1:].tolist(), strict=True):
         now = pole * now + pushed
         left += (measured - now) ** 2
     explained = left <= (1 - EXPLAINED) * spread * (count - 1)
-    return -size * e.period / math.log(pole) if explained else 0.0
+    if not explained:
+        return 0.0, 0.0
+    return -size * e.period / math.log(pole), float(fit[1] + fit[2]) / (1 - pole)

@@ -48,11 +48,11 @@ EARLIER = 8
 #: In the details of an adaptation: the sensor's fault, and nothing was learned.
 FAULTY = "faulty_sensor"
 #: In the details of an adaptation: learning from the experiment could not end in time.
-TOO_LONG = "too_long"
+TOO_LONG, TOO_SHORT = "too_long", "too_short"
 #: In the details of an adaptation: the version that came into force again by hand.
 ROLLED_BACK = "rolled_back_to"
 #: In the details of an adaptation: the experiment is kept out of all that is ever learned from.
-PASSED_OVER = (FAULTY, TOO_LONG, PAUSED, FAILED)
+PASSED_OVER = (FAULTY, TOO_LONG, TOO_SHORT, PAUSED, FAILED)
 
 
 class Adaptor:
@@ -201,6 +201,8 @@ class Adaptor:
             action, why = Action.REFUSED, FAULTY
         elif words := too_long_to_learn(self.model.machine, experiment):
             action, why = Action.REFUSED, TOO_LONG
+        elif len(experiment) < 2:
+            action, why, words = Action.REFUSED, TOO_SHORT, "one sample shows no change"
         else:
             return None
         version = self.model.version

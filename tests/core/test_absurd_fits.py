@@ -25,6 +25,7 @@ from ldt_core.cli import invoke, ldt
 from ldt_core.detectors.adequacy import Adequacy
 from ldt_core.effects import get_effect
 from ldt_core.machine import Plant
+from ldt_core.machine.current_check import wrong_current
 from ldt_core.machine.machine_file import load_machine, machine_from_dict
 from ldt_core.machine.sensor_check import doubt
 from ldt_core.machine.unit_check import other_unit
@@ -279,3 +280,25 @@ def test_what_wear_and_loads_do_is_no_other_unit():
             assert other_unit(right, made) == ""
     stuck = replace(made, speed=np.random.default_rng(0).normal(0.0, 0.1, len(made)))
     assert other_unit(right, stuck) == ""
+
+
+def test_a_speed_of_the_other_sign_is_doubted_by_a_run():
+    """Calibration and diagnosis said it; a twin learned half of it."""
+    right = load_machine("dc_motor")
+    made = Plant(right, seed=1).experiment(1)
+    assert doubt(right, made) == ""
+    assert "one of the two has the other sign" in doubt(right, replace(made, speed=-made.speed))
+
+
+def test_a_dead_current_sensor_is_not_fitted_to():
+    """Zero throughout: a resistance a thousand times the file's was."""
+    dead = [replace(e, current=0 * e.speed) for e in SOUND]
+    assert "0 A to the last digit" in wrong_current(MOTOR, dead)
+    with pytest.raises(LdtError, match="0 A to the last digit"):
+        calibrate(MOTOR, dead)
+
+
+def test_one_sample_teaches_nothing():
+    """It was an index error of numpy's."""
+    step = Twin(MOTOR).step(SOUND[0].part(0, 1))
+    assert step.adaptation.reason.startswith("nothing is learned: one sample shows no change")
