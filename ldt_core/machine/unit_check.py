@@ -16,6 +16,7 @@ from ldt_core.machine.speed_jumps import MOST_STEP, median_step
 
 #: The geometric mean of 1 and the thousand between units.
 UNIT_FACTOR = math.sqrt(1000.0)
+FILE = "the machine file, of which a number may be in another unit"
 #: Means of samples of which the time constant is fitted: noise would shorten it.
 BLOCKS = 200
 #: Least share of the speed's variance that the voltage explains, with one time constant.
@@ -47,9 +48,6 @@ def other_unit(machine: Machine, e: Experiment) -> str:
     if constant > UNIT_FACTOR * max(file, p["L"] / p["R"]):
         return f"the speed follows the voltage in {constant:.2g} s, in {file:.2g} s by {FILE}"
     return ""
-
-
-FILE = "the machine file, of which a number may be in another unit"
 
 
 def _told(what: str, most: float) -> str:

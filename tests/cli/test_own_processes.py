@@ -108,3 +108,15 @@ def test_files_that_were_closed_are_noticed(tmp_path):
     os.close(writer._part._stream.fileno())
     with pytest.raises(LdtError, match="its file was closed, as by a part of your own"):
         writer.close()
+
+
+def test_a_folder_that_lost_its_permission_is_not_called_deleted(tmp_path, monkeypatch):
+    """What was written is there, and said to be."""
+
+    def closed(path, **_):
+        raise PermissionError(13, "Permission denied")
+
+    writer = BagWriter(tmp_path / "bag", topics=("experiment",))
+    monkeypatch.setattr("pathlib.Path.stat", closed)
+    with pytest.raises(LdtError, match=r"Permission denied; recording stopped .* stay readable"):
+        writer.close()
