@@ -1,4 +1,4 @@
-"""Ending in order when somebody asks: Ctrl-C, or a service manager that stops its unit."""
+"""Ending in order when somebody asks: Ctrl-C, a service manager, a terminal that is closed."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import TypeVar
 
-SIGNALS = (signal.SIGINT, signal.SIGTERM)
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 #: Time that what is under way may take once somebody has asked to end [s]: most is done by then.
 LAST_ITEM = 5.0
 #: What the summary of a run says that was ended so.
@@ -74,7 +74,7 @@ class _Late(KeyboardInterrupt):
 
 @contextmanager
 def stop_on_signals(insist: bool = True) -> Iterator[Stop]:
-    """An event that SIGINT and SIGTERM set, for as long as the context lasts.
+    """An event that `SIGNALS` set, for as long as the context lasts; `nohup` keeps SIGHUP ignored.
 
     Args:
         insist: whether a second SIGINT gives up waiting for the end, by KeyboardInterrupt.
@@ -88,7 +88,8 @@ def stop_on_signals(insist: bool = True) -> Iterator[Stop]:
         if stop.making:
             signal.setitimer(signal.ITIMER_REAL, LAST_ITEM)
 
-    handlers = {**dict.fromkeys(SIGNALS, ask), signal.SIGALRM: stop.late}
+    asked = [n for n in SIGNALS if n != signal.SIGHUP or signal.getsignal(n) != signal.SIG_IGN]
+    handlers = {**dict.fromkeys(asked, ask), signal.SIGALRM: stop.late}
     previous = {number: signal.signal(number, handler) for number, handler in handlers.items()}
     try:
         yield stop

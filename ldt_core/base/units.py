@@ -17,7 +17,16 @@ TURN = 2 * math.pi  # rad
 
 #: Quantity → unit → SI units in one of it.
 UNITS: dict[str, dict[str, float]] = {
-    "time": {"s": 1, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9, "min": 60, "h": 3600},
+    "time": {
+        "s": 1,
+        "ms": 1e-3,
+        "us": 1e-6,
+        "µs": 1e-6,
+        "ns": 1e-9,
+        "min": 60,
+        "h": 3600,
+        "d": 86400,
+    },
     "voltage": {"V": 1, "mV": 1e-3, "uV": 1e-6, "µV": 1e-6, "kV": 1e3},
     "speed": {
         "rad/s": 1,

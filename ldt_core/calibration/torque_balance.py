@@ -26,6 +26,7 @@ from ldt_core.estimation.linear.identification import (
     SAMPLES_PER_UNKNOWN,
     refuse_undetermined,
 )
+from ldt_core.estimation.variable_projection import basis_of, least_squares_step, project_out
 from ldt_core.machine.machine_file import Machine
 from ldt_core.physics.effect import Effect
 
@@ -81,39 +82,47 @@ def balance(
     experiments = [e for e in experiments if len(e) > SHORTEST]
     if not experiments:
         raise BadInput("the recording", f"experiments of more than {SHORTEST} samples", "none")
-    rows, targets = [], []
-    turned = "gravity_imbalance" in effects
-    for i, e in enumerate(experiments):
-        angle = np.concatenate([[0.0], np.cumsum(_mean(e.speed) * e.period)])
-        columns = [e.voltage[:-1], _mean(e.speed)]
-        if "coulomb_friction" in effects:
-            columns.append(_mean(np.sign(e.speed)))
-        for k in range(len(experiments) if turned else 0):  # each starts at an angle of its own
-            own = float(k == i)
-            columns += [own * _mean(np.sin(angle)), own * _mean(np.cos(angle))]
-        ones = np.ones(min(span, len(e) - 1))
-        rows.append(np.column_stack([np.convolve(c * e.period, ones, "valid") for c in columns]))
-        targets.append(e.speed[ones.size :] - e.speed[: -ones.size])
-    whole, target = np.vstack(rows), np.concatenate(targets)
+    parts = [_columns(e, effects, span) for e in experiments]
+    projected = [[project_out(x, basis_of(own)) for x in (c, t)] for c, own, t in parts]
+    whole, target = (np.concatenate(x) for x in zip(*projected, strict=True))
     found = np.linalg.lstsq(whole, target, rcond=None)[0]
     others = whole[:, 1:]
     still = rms(target - others @ np.linalg.lstsq(others, target, rcond=None)[0])
+    rest = [t - c @ found for c, _, t in parts]
     amounts: dict[str, dict[str, float]] = {}
-    at = 2
     if "coulomb_friction" in effects:
-        amounts["coulomb_friction"] = {"torque": max(-float(found[at]), 0.0)}
-        at += 1
-    if turned:
-        sines, cosines = found[at::2], found[at + 1 :: 2]
-        sizes = np.hypot(sines, cosines)
+        amounts["coulomb_friction"] = {"torque": max(-float(found[2]), 0.0)}
+    if "gravity_imbalance" in effects:
+        turns = [least_squares_step(own, r) for (_, own, _), r in zip(parts, rest, strict=True)]
+        sizes = np.hypot(*np.transpose(turns))
         size = float(np.median(sizes))  # a machine has one torque, whatever the angle
-        found[at:] *= np.repeat(size / np.maximum(sizes, np.finfo(float).tiny), 2)
+        shares = size / np.maximum(sizes, np.finfo(float).tiny)
+        for i, (_, own, _) in enumerate(parts):
+            rest[i] = rest[i] - own @ (shares[i] * turns[i])
         # omega' = -T/J cos(theta + phi); the phase is that of the first experiment.
-        phase = math.atan2(float(sines[0]), -float(cosines[0]))
+        phase = math.atan2(float(turns[0][0]), -float(turns[0][1]))
         amounts["gravity_imbalance"] = {"torque": size, "phase": phase}
-    left = rms(target - whole @ found)
+    left = rms(np.concatenate(rest))
     gain, damping = float(found[0]), -float(found[1])
     return Balance(tuple(effects), gain, damping, amounts, left, still, span)
+
+
+def _columns(e: Experiment, effects: Sequence[str], span: int) -> tuple[Array, Array, Array]:
+    """(n, 2 or 3) what all have in common, (n, 0 or 2) of its own angle, (n,) changes of speed.
+
+    Angles begin anew with each experiment. Their columns are taken out of it alone (Frisch, Waugh):
+    beside those of all others, work and memory would grow by the square of the experiments.
+    """
+    common, own = [e.voltage[:-1], _mean(e.speed)], []
+    if "coulomb_friction" in effects:
+        common.append(_mean(np.sign(e.speed)))
+    if "gravity_imbalance" in effects:
+        angle = np.concatenate([[0.0], np.cumsum(_mean(e.speed) * e.period)])
+        own = [_mean(np.sin(angle)), _mean(np.cos(angle))]
+    ones = np.ones(min(span, len(e) - 1))
+    rows = np.array([np.convolve(c * e.period, ones, "valid") for c in (*common, *own)]).T
+    target = e.speed[ones.size :] - e.speed[: -ones.size]
+    return rows[:, : len(common)], rows[:, len(common) :], target
 
 
 def fitting(experiments: Sequence[Experiment]) -> Balance | None:

@@ -16,6 +16,7 @@ from click.shell_completion import CompletionItem
 
 from ldt_core.base import first_compilation
 from ldt_core.base.errors import LdtError, reason_of
+from ldt_core.base.own_process import kept_alive
 from ldt_core.base.registry import entry_points
 from ldt_core.base.stopping import EXIT_CODE, Interrupted
 from ldt_core.cli.completion import VARIABLE, register
@@ -25,6 +26,7 @@ from ldt_core.cli.terminal import echo, results_alone
 GROUP = "ldt.command"
 LONGEST_PLACE = 300  # characters of a file's name in a sentence
 NO_THREAD = "can't start new thread"  # Python's own words where memory or threads have run out
+NO_EXCEPTION = "raised what is no Exception"
 UNNAMEABLE = (errno.ENAMETOOLONG, errno.ELOOP)  # what no file can be called
 # As wide as the terminal up to 100 columns: the options' descriptions are sentences.
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
@@ -109,7 +111,7 @@ def invoke(command: click.Command, arguments: list[str] | None = None) -> int:
         register()
     given = sys.argv[1:] if arguments is None else arguments
     try:
-        with results_alone("--json" in given):
+        with results_alone("--json" in given), kept_alive():
             result = command.main(arguments, prog_name=_name(command), standalone_mode=False)
         return result if isinstance(result, int) else 0
     except click.exceptions.Exit as stop:
@@ -139,15 +141,32 @@ def invoke(command: click.Command, arguments: list[str] | None = None) -> int:
             raise
         return _say(f"{error}: memory or the number of processes is at its limit", 1)
     except ImportError as error:  # of what is installed, or there is no memory to load it
-        return _say(f"a library cannot be loaded: {error}", 1)
+        return _say(f"a library cannot be loaded: {error}{_shadowed(error)}", 1)
     except OSError as error:
         place = str(error.filename or _nameless())[:LONGEST_PLACE]
         code = 2 if error.errno in UNNAMEABLE else 1
         return _say(f"{place}: {error.strerror or error}", code)
     except BaseException as error:
-        if isinstance(error, Exception | KeyboardInterrupt | SystemExit):
+        if isinstance(error, Exception | KeyboardInterrupt):
             raise
-        return _say(f"a part of your own raised what is no Exception: {reason_of(error)}", 1)
+        if _raised_in(error) == click.core.__name__:  # its answer to a reader that has left
+            return 1
+        did = "would end the program" if isinstance(error, SystemExit) else NO_EXCEPTION
+        return _say(f"a part of your own {did}: {reason_of(error)}", 1)
+
+
+def _raised_in(error: BaseException) -> str:
+    """Name of the module that raised it."""
+    at = error.__traceback__
+    while at is not None and at.tb_next is not None:
+        at = at.tb_next
+    return str(at.tb_frame.f_globals.get("__name__")) if at else ""
+
+
+def _shadowed(error: ImportError) -> str:
+    """Where a module is from that lacks a part: a file of the user's may have a library's name."""
+    file = getattr(sys.modules.get(str(error.name).partition(".")[0]), "__file__", None)
+    return f" ({file})" if file and "." in str(error.name) else ""
 
 
 def _nameless() -> str:

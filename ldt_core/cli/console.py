@@ -26,6 +26,10 @@ class Console(rich.console.Console):
         # Whatever the terminal claims: cells of no width would leave an empty table.
         self.width = max(self.width, NARROWEST)
 
+    def on_broken_pipe(self) -> None:
+        """Whoever reads has left: raised, as by all other output; Rich would end the program."""
+        raise BrokenPipeError
+
     def render(
         self, renderable: RenderableType, options: ConsoleOptions | None = None
     ) -> Iterable[Segment]:

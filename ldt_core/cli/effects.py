@@ -50,6 +50,8 @@ def _known() -> list[Effect]:
         try:
             found.append(get_effect(name))
         except Exception as error:  # whatever that package does
+            if name in EFFECTS.builtin:
+                raise
             echo(f"effect {name} cannot be loaded: {_sentence(error)}", err=True)
     return found
 

@@ -386,8 +386,9 @@ def _refused(where: str) -> Iterator[None]:
     try:
         yield
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
-        got = f"something else ({error})"
-        raise BadInput(where, "effects with parameters and numbers", got) from error
+        expected = "a list of {effect: name, parameters: {name: number}}"
+        got = f"no {error}" if isinstance(error, KeyError) else f"something else ({error})"
+        raise BadInput(where, expected, got) from error
 
 
 def _amount(value: Any) -> float:

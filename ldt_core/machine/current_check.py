@@ -34,6 +34,8 @@ def wrong_current(machine: Machine, experiments: Sequence[Experiment]) -> str:
         if e.current is not None
     ]
     table = np.concatenate(rows or [np.zeros((0, 4))])
+    if len(table) and not np.ptp(table[:, 3]) and np.ptp(table[:, 2]):
+        return f"{table[0, 3]:.4g} A to the last digit, while the voltage moves"
     sizes = np.abs(table).max(axis=0, initial=0.0)
     freedom = len(table) - table.shape[1]
     if resistance <= 0 or freedom < 1 or not sizes.all():

@@ -25,6 +25,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from ldt_core.base.clock import LATEST
 from ldt_core.base.errors import FAULTS, ExperimentError, MachineFileError
 from ldt_core.base.experiment import Experiment, Samples
 from ldt_core.physics.base import Physics
@@ -44,8 +45,6 @@ LONGEST_LEARNED = 2500.0
 DURATION_FACTOR = 10.0
 
 
-#: The year 2261: a recording counts its nanoseconds in 64 bits [s since the epoch].
-LATEST = 9.2e9
 #: What a recording can tell apart, and many times the sampling of any oscilloscope's motor [s].
 SHORTEST_PERIOD = 1e-9
 

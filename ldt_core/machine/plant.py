@@ -18,15 +18,16 @@ last one ended, and an experiment asked for out of order is computed from the fi
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Mapping, Sequence
 from typing import Any, Self
 
 import numpy as np
 
 from ldt_core.base.arrays import Array
+from ldt_core.base.clock import computer_time
 from ldt_core.base.errors import MachineFileError, did_you_mean
 from ldt_core.base.experiment import Experiment
+from ldt_core.base.own_process import undivided
 from ldt_core.base.settings import FROM_FILE
 from ldt_core.effects import get_effect, parse_effect
 from ldt_core.machine.degradation import schedule
@@ -127,7 +128,7 @@ class Plant:
             noise=None if noise == FROM_FILE else noise,
             voltage=settings["voltage"],
             start=settings["start"],
-            start_time=time.time() if begin == FROM_FILE else begin,
+            start_time=computer_time() if begin == FROM_FILE else begin,
             measure_current=settings["measure_current"],
         )
 
@@ -149,6 +150,7 @@ class Plant:
         """Effect → its values in experiment `number`."""
         return {effect.name: dict(given) for effect, given in self.acting(number)}
 
+    @undivided()
     def experiment(self, number: int) -> Experiment:
         """Experiment `number` (from 1).
 

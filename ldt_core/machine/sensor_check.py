@@ -20,6 +20,7 @@ import numpy as np
 from ldt_core.base.experiment import Experiment, Samples
 from ldt_core.machine.machine_file import Machine
 from ldt_core.machine.speed_jumps import MOST_STEP, impossible_jump, median_step, step_limit
+from ldt_core.machine.unit_check import other_unit
 
 #: Probability of taking an experiment of a sound sensor for a faulty one's, at most.
 FALSE_ALARM = 1e-6
@@ -74,6 +75,8 @@ def doubt(machine: Machine, experiment: Experiment, recent: Sequence[Experiment]
         or _too_slow(machine, experiment)
         or _too_sudden(machine, experiment, recent)
         or _unmoved(experiment)
+        or (len(recent) < EXPERIMENTS_BEFORE and other_unit(machine, experiment))
+        or ""
     )
 
 

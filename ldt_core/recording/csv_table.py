@@ -11,12 +11,10 @@ from __future__ import annotations
 import csv
 import gzip
 import itertools
-import re
 import zlib
 from codecs import getincrementaldecoder
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from datetime import UTC, datetime
+from contextlib import contextmanager, suppress
 from io import TextIOWrapper
 from operator import itemgetter
 from pathlib import Path
@@ -28,11 +26,18 @@ from ldt_core.base.bounded_file import open_regular
 from ldt_core.base.errors import RecordingError, did_you_mean
 from ldt_core.base.experiment import Samples
 from ldt_core.base.sentences import counted
-from ldt_core.recording.messages import quoted
+from ldt_core.recording.csv_column import LACKING, CsvColumn, is_number
 
 GZIP_MAGIC = b"\x1f\x8b"
-UTF16_MARKS = (b"\xff\xfe", b"\xfe\xff")
+#: First bytes → how the text is encoded; the longer one first.
+MARKS = {
+    b"\xff\xfe\0\0": "utf-32",
+    b"\0\0\xfe\xff": "utf-32",
+    b"\xff\xfe": "utf-16",
+    b"\xfe\xff": "utf-16",
+}
 COMMENTS = ("#", "%")
+SEPARATOR = "sep="  # by which a spreadsheet is told, in the first line
 DELIMITERS = ";\t,| "  # in this order: a decimal comma may stand between semicolons or tabs
 MAX_BYTES = 2_000_000_000  # unpacked; a packed file may claim anything
 PIECE = 1 << 20  # bytes that are unpacked at a time
@@ -41,10 +46,7 @@ MOST_RATIO = 100  # of a larger text to what is packed; numbers reach 20
 LOOK_AHEAD = 20  # rows by which the delimiter is chosen: beyond every header
 LONGEST_LINE = 10_000_000  # characters; a million columns
 BLOCK = 5000  # rows whose cells are held as text
-LACKING = ("", "null")  # in small letters; "nan" is what a program computed, and is refused
 NO_UNIT = "1"  # in a row of units: what has no dimension, as a counter
-#: A date and the time of day, as loggers write them.
-DATE = re.compile(r"\s*\d{4}-\d\d-\d\d[T ]\d\d:\d\d")
 #: Of the rows that lack a value: a logger misses a few; more is a table of several rates, of which
 #: whole rows would hold a voltage for too long.
 MOST_LACKING = 0.1
@@ -96,7 +98,7 @@ class CsvTable:
         if name.isdecimal() and 1 <= int(name) <= len(self.names):
             return int(name) - 1
         expected = f"{did_you_mean(name, self.names)}, or a number from 1 to {len(self.names)}"
-        if "" in self.names:
+        if "" in self.names or len(self.names) == 1:
             expected += " (delete the lines above the row of names)"
         raise RecordingError(f"{self.path}, column", expected, repr(name))
 
@@ -116,7 +118,7 @@ class CsvTable:
         """
         pick = itemgetter(*columns) if len(columns) > 1 else lambda row: (row[columns[0]],)
         lines: list[np.ndarray] = []
-        read = [_Column(f"column {self.names[i]!r}", timed, i == dated) for i in columns]
+        read = [CsvColumn(f"column {self.names[i]!r}", timed, i == dated) for i in columns]
         rows = (
             (line, self._picked(pick, line, row)) for line, row in self._rows() if line > self._skip
         )
@@ -129,6 +131,9 @@ class CsvTable:
         if not where.size:
             raise RecordingError(self.path, "rows of numbers", "none")
         values = [column.numbers(self.path) for column in read]
+        marks = [column.mark for column in read]
+        for column in read:
+            column.refuse_thousands(self.path, marks)
         whole = ~np.logical_or.reduce([np.isnan(column) for column in values])
         if (lacking := np.flatnonzero(~whole)).size:
             told = f"{counted(lacking.size, 'row')} of {where.size}"
@@ -142,13 +147,16 @@ class CsvTable:
     def _picked(
         self, pick: Callable[[list[str]], tuple[str, ...]], line: int, row: list[str]
     ) -> tuple[str, ...]:
-        try:
-            return pick(row)
-        except IndexError:
-            expected = counted(len(self.names), "cell")
+        expected, most = counted(len(self.names), "cell"), len(self.names)
+        if len(row) > most and any(row[most:]):  # nobody can say which of them the names are of
+            if self._delimiter == ",":
+                expected += " (a decimal comma needs quotes, or semicolons between cells)"
+        else:
+            with suppress(IndexError):
+                return pick(row)
             if any("\n" in cell for cell in row):
                 expected += ", and each quote closed"
-            raise RecordingError(f"{self.path}, line {line}", expected, f"{len(row)}") from None
+        raise RecordingError(f"{self.path}, line {line}", expected, f"{len(row)}")
 
     @contextmanager
     def _open(self) -> Iterator[IO[bytes]]:
@@ -172,8 +180,9 @@ class CsvTable:
                     most = min(MAX_BYTES, max(FREE_BYTES, MOST_RATIO * size))
             with self._open() as stream:
                 while piece := stream.read(PIECE):
-                    if count == 0 and piece.startswith(UTF16_MARKS):
-                        encoding = "utf-16"
+                    marked = next((m for m in MARKS if piece.startswith(m)), b"")
+                    if count == 0 and marked:
+                        encoding = MARKS[marked]
                     elif count == 0 and b"\0" in piece[:4096]:
                         raise RecordingError(
                             self.path, "a recording, or text: export it as CSV", "a binary file"
@@ -197,8 +206,9 @@ class CsvTable:
 
     def _lines(self) -> Iterator[str]:
         """Lines with comments blanked, so that numbers of lines stay right."""
-        for line in self._raw_lines():
-            yield "\n" if line.lstrip().startswith(COMMENTS) else line
+        for number, line in enumerate(self._raw_lines()):
+            told = number == 0 and line.startswith(SEPARATOR)
+            yield "\n" if told or line.lstrip().startswith(COMMENTS) else line
 
     def _raw_lines(self) -> Iterator[str]:
         """Lines as they are, one at a time."""
@@ -218,7 +228,9 @@ class CsvTable:
         rows = [line for line in rows if line][:LOOK_AHEAD]
         if not rows:
             raise RecordingError(self.path, "rows of numbers", "an empty file")
-        return next((d for d in DELIMITERS if d in rows[-1]), ",")
+        # A remark may hold another one, which the row of names has not.
+        found = [d for d in DELIMITERS if d in rows[-1]] or [","]
+        return min(found, key=lambda d: d not in rows[0])
 
     def _rows(self) -> Iterator[tuple[int, list[str]]]:
         """(line in which it begins, cells) of each row that is not blank."""
@@ -242,7 +254,7 @@ class CsvTable:
         line, row = next(self._rows(), (0, []))
         if not row:
             raise RecordingError(self.path, "rows of numbers", "only empty cells")
-        if not all(_is_number(cell) for cell in row if cell):
+        if not all(is_number(cell) for cell in row if cell):
             return line, [cell.strip() for cell in row]
         comments = [
             text.lstrip(" #%").rstrip("\r\n")
@@ -259,111 +271,13 @@ class CsvTable:
         """The row below the names without its brackets, where it has words instead of numbers."""
         line, row = next((one for one in self._rows() if one[0] > self._skip), (0, []))
         cells = [cell.strip().strip("[](){}") for cell in row]
-        words = [cell for cell in cells if not (_is_number(cell) or cell.lower() in LACKING)]
-        numbers = [cell for cell in cells if _is_number(cell) and cell != NO_UNIT]
+        words = [cell for cell in cells if not (is_number(cell) or cell.lower() in LACKING)]
+        numbers = [cell for cell in cells if is_number(cell) and cell != NO_UNIT]
         if numbers or not words or len(row) < len(self.names):
             return [""] * len(self.names)
         self._skip = line
         return ["" if cell == NO_UNIT else cell for cell in cells]
 
 
-class _Column:
-    """The numbers of a column, block by block.
-
-    Args:
-        where: what a complaint calls it.
-        lacking: whether a cell may be empty; its number is NaN then.
-        dated: whether cells may be dates.
-    """
-
-    def __init__(self, where: str, lacking: bool, dated: bool) -> None:
-        self._where = where
-        self._lacking = lacking
-        self._dated = dated
-        self._blocks: list[Samples] = []
-        self._bad: tuple[int, str] | None = None  # line and cell of the first that is no number
-        self._bad_count = 0
-        self._point: tuple[int, str] | None = None  # the same of the first with a decimal point
-        self._comma = False  # whether a cell has a decimal comma
-
-    def take(self, cells: Sequence[str], lines: Sequence[int]) -> None:
-        """The next cells, and the lines that they stand in."""
-        text = "\n".join(cells)
-        if self._point is None and "." in text:
-            self._point = next((n, c) for n, c in zip(lines, cells, strict=True) if "." in c)
-        if "," in text:
-            self._comma = True
-            cells = [cell.replace(",", ".") for cell in cells]
-        try:
-            if "_" in text:
-                raise ValueError("each cell by itself")
-            values = np.array(cells, dtype=np.float64)
-        except ValueError:
-            number = seconds if self._dated and is_date(cells[0]) else _number
-            values = np.array([number(c) for c in cells])
-        bad = [int(k) for k in np.flatnonzero(~np.isfinite(values))]
-        if self._lacking:
-            bad = [k for k in bad if cells[k].strip().lower() not in LACKING]
-        if bad and self._bad is None:
-            self._bad = lines[bad[0]], cells[bad[0]]
-        self._bad_count += len(bad)
-        self._blocks.append(values)
-
-    def numbers(self, path: Path) -> Samples:
-        """All of them.
-
-        Raises:
-            RecordingError: a cell is no finite number, or decimal commas and points are mixed.
-        """
-        if self._comma and self._point is not None:
-            line, cell = self._point
-            expected = "decimal commas as elsewhere in this column, and no thousands separators"
-            raise RecordingError(f"{path}, line {line}, {self._where}", expected, quoted(cell))
-        if self._bad is not None:
-            line, cell = self._bad
-            got = quoted(cell) if cell.strip() else "an empty cell"
-            more = f" ({self._bad_count} such cells)" if self._bad_count > 1 else ""
-            where = f"{path}, line {line}, {self._where}"
-            date = ", or a date such as 2026-03-01T08:00:00.5" if self._dated else ""
-            raise RecordingError(where, f"a finite number{date}", got + more)
-        return np.concatenate(self._blocks)
-
-
 def _numbers(count: int) -> list[str]:
     return [str(number) for number in range(1, count + 1)]
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell.replace(",", "."))
-    except ValueError:
-        return False
-    return "_" not in cell  # of which only Python makes a number
-
-
-def _number(cell: str) -> float:
-    return float(cell) if _is_number(cell) else np.nan
-
-
-def is_date(cell: str) -> bool:
-    """Whether a cell is a date with a time of day in the order of ISO 8601.
-
-    >>> is_date("2026-03-01T08:00:00.010Z"), is_date("2026-03-01 08:00"), is_date("20260301")
-    (True, True, False)
-    """
-    return DATE.match(cell) is not None and bool(np.isfinite(seconds(cell)))
-
-
-def seconds(cell: str) -> float:
-    """A date with a time of day as seconds since 1970 [s]; NaN of anything else.
-
-    Without a time zone it is taken for UTC.
-
-    >>> seconds("1970-01-01T00:01:00.5"), seconds("1970-01-01T01:00:00+01:00")
-    (60.5, 0.0)
-    """
-    try:
-        date = datetime.fromisoformat(cell.strip())
-    except ValueError:
-        return np.nan
-    return (date if date.tzinfo else date.replace(tzinfo=UTC)).timestamp()

@@ -10,11 +10,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ldt_core.base.clock import LATEST
 from ldt_core.base.errors import OptionError, RecordingError
 from ldt_core.base.experiment import Experiment
 from ldt_core.base.sentences import counted
 from ldt_core.base.units import UNITS, Field, parse_field, propose_fields
-from ldt_core.machine.experiment_limits import LATEST, SHORTEST_PERIOD
+from ldt_core.machine.experiment_limits import SHORTEST_PERIOD
 from ldt_core.physics.parameter import LARGEST
 from ldt_core.recording.csv_table import CsvTable
 from ldt_core.recording.message_fields import parse_field_path, read_fields
@@ -34,8 +35,9 @@ from ldt_core.segmenter.resampling import (
 LEAST_GAP = 1.5  # periods of the experiments; a stream far faster than they are may not pause less
 ROUNDING = 1e-6  # of a period: what floating point loses in a length or an end time
 # What hardly any motor does, but a column in another unit seems to do.
-FAST = 1000.0  # rad/s, which is 9549 rpm
-SLOW = 1.0  # s between samples
+SLOW, QUICK = 1.0, 1e-6  # s between samples
+#: Quantity → (largest size, in which unit, what it is then): 9549 rpm; a railway's voltage.
+RARE = {"voltage": (1000.0, "V", "mV"), "speed": (1000.0, "rad/s", "rpm")}
 #: Unit that times likely have where so many of them lie between samples: 1 Hz to 1 kHz.
 LIKELY = {"ms": 1e3, "us": 1e6, "ns": math.inf}
 MOST_SAMPLES = 100_000_000  # of a stretch; more is a period in the wrong unit
@@ -103,20 +105,24 @@ def _doubts(series: Mapping[str, Series], given: Mapping[str, str]) -> list[str]
     """Where a column that names no unit has the size of another one."""
     bare = [q for q, text in given.items() if not text.endswith(tuple(f":{u}" for u in UNITS[q]))]
     speed, notes = series["speed"], []
-    fastest = float(np.nanmax(np.abs(speed.values), initial=0.0))
-    if "speed" in bare and fastest > FAST:
-        notes.append(
-            f"speeds up to {fastest:.5g} rad/s are rare; "
-            f"if they are rpm: --speed {given['speed']}:rpm"
-        )
     step = float(np.median(np.diff(speed.time))) if speed.time.size > 1 else 0.0
+    slow = next((unit for unit, most in LIKELY.items() if step < most), "")
+    for quantity, (most, si, unit) in RARE.items():
+        largest = float(np.nanmax(np.abs(series[quantity].values), initial=0.0))
+        if quantity in bare and largest > most:
+            told = f"{quantity}s up to {largest:.5g} {si} are rare"
+            notes.append(_doubt(told, unit, quantity, given, unit))
     if "time" in bare and step >= SLOW:
-        unit = next(u for u, most in LIKELY.items() if step < most)
-        notes.append(
-            f"{step:g} s between samples are long; "
-            f"if they are {unit}: --time {given['time']}:{unit}"
-        )
+        told = f"{step:g} s between samples are long"
+        notes.append(_doubt(told, slow, "time", given, slow))
+    if "time" in bare and 0 < step <= QUICK:
+        told = f"{step:.3g} s between samples are short"
+        notes.append(_doubt(told, "days, as a spreadsheet's dates", "time", given, "d"))
     return notes
+
+
+def _doubt(told: str, named: str, quantity: str, given: Mapping[str, str], unit: str) -> str:
+    return f"{told}; if they are {named}: --{quantity} {given[quantity]}:{unit}"
 
 
 def _check_apart(given: Mapping[str, str], places: Iterable[object]) -> None:
@@ -242,9 +248,11 @@ def _cut(
         expected = f"times {SHORTEST_PERIOD:g} s apart or more"
         raise RecordingError(where, expected, f"{found:g} s")
     period = found if sample_period is None else sample_period
+    doubt = f" ({'; '.join(doubts)})" if doubts else ""
+    if (last := max(one.time[-1] for one in series.values())) > LATEST:
+        raise RecordingError(where, f"times up to {LATEST:g} s{doubt}", f"{last:.10g} s")
     size = None if length is None else round(length / period)
     if size is not None and size < LEAST_SAMPLES:
-        doubt = f" ({'; '.join(doubts)})" if doubts else ""
         expected = f"{LEAST_SAMPLES} periods of {period:g} s or more{doubt}"
         raise OptionError("--length", expected, length)
     start = min(one.time[0] for one in series.values())

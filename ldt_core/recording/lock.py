@@ -54,7 +54,8 @@ class FolderLock:
     def release(self) -> None:
         """Let others write; a second call does nothing."""
         if self._descriptor is not None:
-            os.close(self._descriptor)
+            with contextlib.suppress(OSError):  # a part of the user's own may have closed it
+                os.close(self._descriptor)
             self._descriptor = None
             self.held = False
 

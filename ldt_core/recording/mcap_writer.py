@@ -106,11 +106,14 @@ class McapWriter:
 
         Raises:
             FileNotFoundError: it, or its folder, was deleted, renamed or replaced.
+            PermissionError: its folder may not be looked into any more.
             OSError: it was cut short.
         """
         own = self._require_whole()
         try:
             there = self.file.stat()
+        except PermissionError:  # it is there, behind a folder that was closed
+            raise
         except OSError:
             there = None
         if there is None or (there.st_dev, there.st_ino) != (own.st_dev, own.st_ino):

@@ -222,13 +222,13 @@ class Storage:
         """Fill `topics` from one file."""
         if _magic(file) == SQLITE_MAGIC:
             try:
-                found = dict(_sqlite(file, "SELECT name, type FROM topics", str, str))
+                found = list(_sqlite(file, "SELECT name, type FROM topics", str, str))
             except (sqlite3.Error, ValueError) as error:
                 raise RecordingError(file, "a rosbag2 SQLite file", reason(error)) from None
         else:
             described = self.mcap(file).channels().values()
-            found = {c.topic: self._kind(file, c, s) for c, s in described}
-        for topic, kind in found.items():
+            found = [(c.topic, self._kind(file, c, s)) for c, s in described]
+        for topic, kind in found:
             known = self.topics.setdefault(topic, kind)
             if known != kind:
                 raise RecordingError(f"{self.path}, {topic}", f"one message type, {known}", kind)

@@ -41,6 +41,11 @@ SYNC_PERIOD = 5.0  # s; what a power failure may cost, beside the time that the 
 LAST_NS = 2**63 - 1  # rosbag2 counts nanoseconds in 64 bits, to the year 2262
 KEY = "key"  # of a recording's custom data
 MEGABYTE = 1_000_000  # bytes
+#: Why nothing more is written, where the system's words would not say it.
+REASONS = {
+    **dict.fromkeys((errno.ENOSPC, errno.EDQUOT), "the disk is full"),
+    errno.EBADF: "its file was closed, as by a part of your own",
+}
 PATIENCE = 1.0  # s; for a writer that was killed to be gone, or for somebody who only looks
 MOST_CHUNKS = 20_000  # of a file, whose index is held in memory until it ends: about 1 kB each
 
@@ -330,8 +335,8 @@ class BagWriter:
 
     def _fail(self, error: Exception) -> LdtError:
         """Keep the one failure that all later calls report."""
-        full = isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT)
-        reason = "the disk is full" if full else (getattr(error, "strerror", None) or str(error))
+        told = getattr(error, "strerror", None) or str(error)
+        reason = REASONS.get(getattr(error, "errno", None) or 0, told)
         written = sum(topic.count for topic in self._held.topics.values())
         kept = "those already on disk stay readable"
         left = {VANISHED: "which went with it", CUT: "less what was cut off"}.get(reason, kept)

@@ -28,6 +28,7 @@ from ldt_core.base.experiment import (
     Signal,
 )
 from ldt_core.base.model_state import shown_state
+from ldt_core.base.own_process import undivided
 from ldt_core.base.settings import resolve
 from ldt_core.estimation.doubtful_speed import speed_doubt
 from ldt_core.machine.experiment_limits import too_long_to_learn
@@ -47,11 +48,11 @@ EARLIER = 8
 #: In the details of an adaptation: the sensor's fault, and nothing was learned.
 FAULTY = "faulty_sensor"
 #: In the details of an adaptation: learning from the experiment could not end in time.
-TOO_LONG = "too_long"
+TOO_LONG, TOO_SHORT = "too_long", "too_short"
 #: In the details of an adaptation: the version that came into force again by hand.
 ROLLED_BACK = "rolled_back_to"
 #: In the details of an adaptation: the experiment is kept out of all that is ever learned from.
-PASSED_OVER = (FAULTY, TOO_LONG, PAUSED, FAILED)
+PASSED_OVER = (FAULTY, TOO_LONG, TOO_SHORT, PAUSED, FAILED)
 
 
 class Adaptor:
@@ -126,6 +127,7 @@ class Adaptor:
         #: The last verdict that named a cause.
         self.named: DiagnosisRecord | None = None
 
+    @undivided()
     def step(self, experiment: Experiment, signal: Signal) -> tuple[Adaptation, Model]:
         """Deal with one experiment; (what was done, the model that goes on).
 
@@ -199,6 +201,8 @@ class Adaptor:
             action, why = Action.REFUSED, FAULTY
         elif words := too_long_to_learn(self.model.machine, experiment):
             action, why = Action.REFUSED, TOO_LONG
+        elif len(experiment) < 2:
+            action, why, words = Action.REFUSED, TOO_SHORT, "one sample shows no change"
         else:
             return None
         version = self.model.version

@@ -15,6 +15,7 @@ from ldt_core.base.experiment import (
     Samples,
     Signal,
 )
+from ldt_core.base.own_process import undivided
 from ldt_core.detectors import as_detector, build_detector
 from ldt_core.detectors.adequacy import Adequacy
 from ldt_core.detectors.base import Detector
@@ -151,6 +152,7 @@ class DetectorStage:
             raise
         self._version = version
 
+    @undivided()
     def _judged(
         self, experiment: Experiment, prediction: Prediction, said: Signal | None = None
     ) -> bool:

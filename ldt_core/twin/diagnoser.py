@@ -21,6 +21,7 @@ from ldt_core.base.experiment import (
     Signal,
     rms,
 )
+from ldt_core.base.own_process import undivided
 from ldt_core.base.settings import resolve
 from ldt_core.base.threads import one_thread
 from ldt_core.diagnosis.diagnose import diagnose
@@ -155,6 +156,7 @@ class Diagnoser:
         """Break off the diagnosis under way, from another thread, and begin no more."""
         self.cancelled = True
 
+    @undivided()
     def step(self, experiment: Experiment, signal: Signal) -> DiagnosisRecord | None:
         """Take in one experiment; the verdict that takes part from it on, if there is one."""
         verdict = self._answer(signal) if self._due(experiment) else None

@@ -12,6 +12,7 @@ from ldt_core.base.errors import (
     reason_of,
 )
 from ldt_core.base.experiment import Experiment, Prediction
+from ldt_core.base.own_process import undivided
 from ldt_core.machine.machine_file import Machine
 from ldt_core.models.base import Model
 from ldt_core.models.physics import PhysicsModel
@@ -83,6 +84,7 @@ class Predictor:
         """The same by the model that never learns; raises UnansweredExperiment."""
         return self._free_run(self.original, experiment)
 
+    @undivided()
     def _free_run(self, model: Model, experiment: Experiment) -> Prediction:
         try:
             prediction = model.predict(experiment)

@@ -9,12 +9,14 @@ import contextlib
 import importlib.util
 import os
 import re
+import resource
 import sys
 from collections.abc import Callable, Iterator
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
+from ldt_core.base.clock import computer_time
 from ldt_core.base.errors import BadInput
 from ldt_core.security.permissions import domain_of_environment
 from ldt_ros.graph.shared_memory import require_room
@@ -26,6 +28,9 @@ if TYPE_CHECKING:
 
     SomeNode = TypeVar("SomeNode", bound=Node)
 
+LATEST = 2.0**31  # s since the epoch: a stamp counts them in 32 bits
+#: Three times the 20 files that the process of a node, or of five machines, was seen to open.
+LEAST_FILES = 64
 MODULES = ("rclpy", "std_msgs", "diagnostic_msgs", "sensor_msgs")
 
 
@@ -38,7 +43,8 @@ def require_ros() -> None:
     """Refuse to go on where ROS 2 cannot be used.
 
     Raises:
-        BadInput: no ROS 2 in this Python, a domain that cannot exist, or a full /dev/shm.
+        BadInput: no ROS 2 in this Python, a domain that cannot exist, a full /dev/shm, a clock that
+            is not set, or too few open files.
     """
     if missing := missing_modules():
         raise BadInput(
@@ -48,6 +54,10 @@ def require_ros() -> None:
         )
     domain_of_environment()
     require_room()
+    computer_time(LATEST, "ROS 2")
+    if (most := resource.getrlimit(resource.RLIMIT_NOFILE)[0]) < LEAST_FILES:
+        expected = f"a limit of at least {LEAST_FILES} for each process (ulimit -n {LEAST_FILES})"
+        raise BadInput("open files", expected, most)
 
 
 def ros_message(error: Exception | str) -> str:

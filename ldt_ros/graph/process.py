@@ -9,6 +9,7 @@ files of parameters, `--machine press press.yaml --machine saw saw.yaml`, it hos
 from __future__ import annotations
 
 import argparse
+import contextlib
 import importlib
 import os
 import signal
@@ -21,6 +22,7 @@ from contextlib import ExitStack
 from typing import TYPE_CHECKING, NoReturn
 
 from ldt_core.base.errors import BadInput, LdtError
+from ldt_core.base.own_process import OpenFiles, kept_alive, leave_at_once
 from ldt_core.base.stopping import SIGNALS
 from ldt_ros.graph.environment import prepare, require_ros, ros_message
 from ldt_ros.graph.linux_process import end_with
@@ -40,12 +42,13 @@ ROLES = {
     "recorder": "ldt_ros.nodes.recorder_node:RecorderNode",
 }
 CRASHED = 70  # exit code of a program that an error of its own has ended (EX_SOFTWARE, sysexits)
+FILES_CLOSED = "a part of your own has closed the files and sockets of this process"
 HALT = signal.SIGUSR1  # by which a graph's process begins nothing new, and stays for those who miss
 SPIN = 0.1  # s, how late a stop signal may be noticed when nothing arrives
 
 
 def stop_event() -> threading.Event:
-    """An event that SIGINT and SIGTERM set, also those that came while they were blocked.
+    """An event that SIGINT, SIGTERM and SIGHUP set, also those that came while they were blocked.
 
     rclpy's own handlers shut the context down before the last message is out, so they are not used.
     """
@@ -75,7 +78,8 @@ def main(arguments: list[str] | None = None) -> int:
         prepare()
         # What a graph's source has sent is asked for again by a recorder that is started again.
         halted = halt_event().is_set if own.parent else None
-        return host(own.node, own.machine, ros, stop.is_set, halted)
+        with kept_alive():
+            return host(own.node, own.machine, ros, stop.is_set, halted)
     except LdtError as error:
         print(f"ldt {' '.join(own.node)}: {error}", file=sys.stderr)
         return error.exit_code
@@ -154,9 +158,14 @@ def host(
         for node in nodes:
             node.report.others = [other.report for other in nodes if other is not node]
         # EventsExecutor.spin() does not return on these wheels; spin_once does.
+        files = OpenFiles()
         running = True
         while not (stopped() or (not halted and all(node.report.end_is_told for node in nodes))):
             executor.spin_once(timeout_sec=SPIN)
+            if files.closed:  # sockets, too: an end in order would wait for them for ever
+                with contextlib.suppress(OSError):
+                    print(f"ldt {' '.join(roles)}: {FILES_CLOSED}", file=sys.stderr, flush=True)
+                leave_at_once(LdtError.exit_code)
             if running and halted and halted():
                 running = False
                 for node in nodes:

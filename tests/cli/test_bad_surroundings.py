@@ -151,6 +151,52 @@ def test_a_cache_of_python_that_a_full_disk_cut_is_told_with_its_cure(monkeypatc
     one_sentence(capsys.readouterr().err, "marshal data too short", "delete the __pycache__")
 
 
+@pytest.mark.parametrize("when", [-3e8, 1e10])
+@pytest.mark.parametrize("command", ["run --model physics --no-bag", "simulate --out a"])
+def test_a_clock_that_is_not_set_is_named(command, when, tmp_path, monkeypatch, capsys):
+    """It was the start time of each experiment, or the namespace of a node."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("time.time", lambda: when)
+    assert invoke(ldt, [*command.split(), "--experiments", "2"]) == BAD
+    one_sentence(capsys.readouterr().err, "the computer's clock: expected a time from 1970 to 2261")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_graph_says_which_of_its_surroundings_is_wrong(tmp_path, monkeypatch, capfd):
+    """A clock that ROS cannot hold, too few files: both were a domain or namespace."""
+    pytest.importorskip("rclpy")
+    up = ["up", "--experiments", "1", "--out", str(tmp_path / "a")]
+    with monkeypatch.context() as patched:
+        patched.setattr("ldt_core.base.clock.time.time", lambda: 4.2e9)
+        assert invoke(ldt, up) == BAD
+    one_sentence(capfd.readouterr().err, "clock", "1970 to 2038, as ROS 2 holds", "2103-02-04")
+    monkeypatch.setattr("resource.getrlimit", lambda _: (10, 10))
+    assert invoke(ldt, up) == BAD
+    one_sentence(capfd.readouterr().err, "open files", "at least 64", "ulimit -n 64", "got 10")
+
+
+def test_effects_that_cannot_be_loaded_are_a_failure(monkeypatch, capsys):
+    """In a folder that was deleted, one by one was named, with exit code 0."""
+
+    def gone(name):
+        raise FileNotFoundError(2, "No such file or directory")
+
+    monkeypatch.setattr("ldt_core.effects.get_effect", gone)
+    assert invoke(ldt, ["effects"]) == FAILED
+    one_sentence(capsys.readouterr().err, "No such file or directory")
+
+
+def test_a_file_that_has_a_library_s_name_is_named(monkeypatch, capsys):
+    """A numpy.py of the user's on PYTHONPATH."""
+
+    def fail(*_, **__):
+        raise ModuleNotFoundError("No module named 'numpy.x'", name="numpy.x")
+
+    monkeypatch.setattr(ldt, "main", fail)
+    assert invoke(ldt, ["info", "x"]) == FAILED
+    one_sentence(capsys.readouterr().err, "No module named 'numpy.x'", "numpy/__init__.py")
+
+
 def test_a_folder_of_links_in_a_circle_is_refused(tmp_path, capsys):
     """It was a traceback."""
     (tmp_path / "a").symlink_to(tmp_path / "a")
@@ -199,13 +245,14 @@ tempfile.TemporaryFile = read_only
     one_sentence(errors, "a library cannot be loaded", "compiled code", "NUMBA_CACHE_DIR")
 
 
-def test_a_reader_that_leaves_early_is_no_traceback(programs):
-    """`ldt --help | head -1`."""
-    command = [sys.executable, "-c", "from ldt_core.cli import main; main(['invoke', '--help'])"]
+@pytest.mark.parametrize("said", ["docs", "run --experiments 1 --no-bag"])
+def test_a_reader_that_leaves_early_is_not_told_of(said, programs):
+    """`ldt docs | head -1`: by click, and by Rich."""
+    program = f"from ldt_core.cli import main; main({said.split()!r})"
+    command = [sys.executable, "-c", program]
     process = programs.start(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     assert process.stdout is not None
     assert process.stderr is not None
     process.stdout.close()
     errors = process.stderr.read()
-    process.wait(60)
-    assert "Traceback" not in errors
+    assert (process.wait(60), errors) == (1, "")

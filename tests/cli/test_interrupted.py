@@ -75,7 +75,7 @@ def whole(recording, run):
     )
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_run_that_is_asked_to_ends_in_order(programs, tmp_path, number):
     """Also one that waits for the machine."""
     process = started(
@@ -122,6 +122,20 @@ def test_who_insists_is_heard_at_once():
         signal.raise_signal(signal.SIGINT)
         signal.raise_signal(signal.SIGINT)
     assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_a_terminal_that_is_closed_ends_nothing_under_nohup():
+    """Which has that signal ignored; else it ends in order, where it cut a recording off."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with stop_on_signals() as stop:
+            signal.raise_signal(signal.SIGHUP)
+            assert not stop.is_set()
+    finally:
+        signal.signal(signal.SIGHUP, before)
+    with stop_on_signals() as stop:
+        signal.raise_signal(signal.SIGHUP)
+        assert stop.is_set()
 
 
 def test_an_alarm_of_somebody_else_ends_nothing():

@@ -12,7 +12,7 @@ import yaml
 import msgs_config
 from ldt_core.advice.run_up import plan_run_up
 from ldt_core.base.errors import ExperimentError, LdtError, MachineFileError, OptionError
-from ldt_core.base.experiment import Experiment, Level
+from ldt_core.base.experiment import DOUBTFUL, Experiment, Level
 from ldt_core.base.metrics import FreeRunError
 from ldt_core.base.settings import resolve
 from ldt_core.calibration import calibrate
@@ -25,9 +25,13 @@ from ldt_core.cli import invoke, ldt
 from ldt_core.detectors.adequacy import Adequacy
 from ldt_core.effects import get_effect
 from ldt_core.machine import Plant
+from ldt_core.machine.current_check import wrong_current
 from ldt_core.machine.machine_file import load_machine, machine_from_dict
+from ldt_core.machine.sensor_check import doubt
+from ldt_core.machine.unit_check import other_unit
 from ldt_core.notebook.gap_diagnosis import diagnose
 from ldt_core.recording.writer import BagWriter
+from ldt_core.twin.loop import Twin
 
 MOTOR = replace(load_machine("dc_motor"), duration=3.0)
 RANDOM = np.random.default_rng(1)
@@ -251,3 +255,50 @@ def test_a_current_of_another_unit_or_sign_is_not_fitted_to(factor, words):
     assert found.verdict.kind == "none"
     assert words in found.notes[0]
     assert not diagnose(sound, MOTOR).notes
+
+
+@pytest.mark.parametrize("name", ["J", "R", "K_t", "b"])
+def test_a_machine_file_in_another_unit_is_doubted_by_a_run(name):
+    """Inertia in g m², resistance in mOhm: nothing was said, and a twin learned around it."""
+    right = replace(load_machine("rotor"), duration=2.0)
+    wrong = replace(right, parameters={**right.parameters, name: 1000 * right.parameters[name]})
+    made = [Plant(right, seed=1).experiment(number) for number in (1, 2)]
+    assert [doubt(right, e) for e in made] == ["", ""]
+    assert all("another unit" in doubt(wrong, e) for e in made)
+    step = Twin(wrong, model="physics").step(made[0])
+    assert "sensor or machine? the speed" in step.adaptation.reason or name == "K_t"
+    assert step.adaptation.details[DOUBTFUL] == 1
+
+
+def test_what_wear_and_loads_do_is_no_other_unit():
+    """A tenth or ten times of each parameter, and a motor that stands still."""
+    right = load_machine("rotor")
+    for name in ("J", "R", "K_t", "b", "L"):
+        for factor in (0.1, 10.0):
+            other = {**right.parameters, name: factor * right.parameters[name]}
+            made = Plant(replace(right, parameters=other), seed=1).experiment(1)
+            assert other_unit(right, made) == ""
+    stuck = replace(made, speed=np.random.default_rng(0).normal(0.0, 0.1, len(made)))
+    assert other_unit(right, stuck) == ""
+
+
+def test_a_speed_of_the_other_sign_is_doubted_by_a_run():
+    """Calibration and diagnosis said it; a twin learned half of it."""
+    right = load_machine("dc_motor")
+    made = Plant(right, seed=1).experiment(1)
+    assert doubt(right, made) == ""
+    assert "one of the two has the other sign" in doubt(right, replace(made, speed=-made.speed))
+
+
+def test_a_dead_current_sensor_is_not_fitted_to():
+    """Zero throughout: a resistance a thousand times the file's was."""
+    dead = [replace(e, current=0 * e.speed) for e in SOUND]
+    assert "0 A to the last digit" in wrong_current(MOTOR, dead)
+    with pytest.raises(LdtError, match="0 A to the last digit"):
+        calibrate(MOTOR, dead)
+
+
+def test_one_sample_teaches_nothing():
+    """It was an index error of numpy's."""
+    step = Twin(MOTOR).step(SOUND[0].part(0, 1))
+    assert step.adaptation.reason.startswith("nothing is learned: one sample shows no change")

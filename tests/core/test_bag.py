@@ -568,3 +568,17 @@ def test_an_unclosed_writer_does_not_keep_the_process_alive(tmp_path):
     )
     assert done.returncode == 0
     assert os.path.exists(tmp_path / "run" / "metadata.yaml")
+
+
+def test_a_topic_of_two_types_is_refused_by_both(tmp_path):
+    """Its last channel's type was taken for all: a recording of LDT's was called a foreign one."""
+    with (tmp_path / "a.mcap").open("wb") as file:
+        writer = Writer(file)
+        writer.start(profile="ros2")
+        for kind in (MULTI_ARRAY, STRING):
+            described = writer.register_schema(kind, "ros2msg", schema(kind)[0].encode())
+            channel = writer.register_channel("/experiment", "cdr", described)
+            writer.add_message(channel, 1, serialize(encode(experiment(1))), 1)
+        writer.finish()
+    with pytest.raises(RecordingError, match=f"one message type, {MULTI_ARRAY}, got {STRING}"):
+        read_bag(tmp_path / "a.mcap")
