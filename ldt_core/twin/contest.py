@@ -6,30 +6,21 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
-
 from ldt_core.base.experiment import FAILED, Action, Adaptation, Experiment, Level, Signal
 from ldt_core.models.base import Model
 from ldt_core.models.grey_box import GreyBoxModel
-from ldt_core.twin.adaptor import PASSED_OVER, ROLLED_BACK, Adaptor
+from ldt_core.twin.adaptor import PASSED_OVER, ROLLED_BACK
 from ldt_core.twin.candidates import POOL, Candidates
 from ldt_core.twin.cause_search import CauseSearch, Question, granted
-from ldt_core.twin.condition_chain import UNLEARNED, ConditionChain
+from ldt_core.twin.condition_chain import ConditionChain
+from ldt_core.twin.known_versions import FOLLOWED, KnownVersions
 from ldt_core.twin.memory import Memory
 from ldt_core.twin.original_watch import OriginalWatch
-from ldt_core.twin.search_backoff import SearchBackoff
 from ldt_core.twin.stage import Archive, RecordedStep
 from ldt_core.twin.version_errors import (
-    BETTER,
     alike,
-    explaining,
-    explains,
-    fails_before,
-    fit_of,
-    largest_error,
     pays,
     rms_error,
-    same,
     squared_error,
     unexplained,
 )
@@ -46,7 +37,7 @@ ELSEWHERE = ("inadequate", "new_range")
 ORIGINAL = "original_again"
 
 
-class ContestAdaptor(Adaptor):
+class ContestAdaptor(KnownVersions):
     """Lets every earlier version, causes old and new, and a flexible model compete at a positive.
 
     Where the present model claims not to know enough, it learns more of the same machine. It is
@@ -60,9 +51,11 @@ class ContestAdaptor(Adaptor):
     5. what comes nearest of all these. They compete when they have learned, at an experiment from
        which none of them has: those that no search holds up at the next one (`cause_search`).
 
-    None comes into force that fails in what the present model stands for (`fails_before`). Over ten
-    experiments the twin's largest errors may sum to 1.1 times the original's; beyond, the original
-    comes into force again.
+    None comes into force that fails in what the present model stands for (`fails_before`). Where a
+    known version explains an experiment, that one comes into force which will err least in what may
+    follow. Over ten experiments the largest errors of what learns may sum to 1.1 times the
+    original's; beyond, the original comes into force again, until what would be in force has caught
+    up.
 
     Args:
         model: to begin with, of kind grey_box.
@@ -76,26 +69,15 @@ class ContestAdaptor(Adaptor):
     ) -> None:
         super().__init__(model, memory, **how)
         self.candidates = Candidates(settings)
-        self.original = model
-        self.watch = OriginalWatch()
-        #: What the machine was like, and how that follows upon each other.
-        self.chain = ConditionChain()
-        #: The version that explains the present experiment.
-        self._explaining: Model | None = None
         # Whether the present model claims not to know enough, and fails where it was never right.
         self._learning = self._elsewhere = False
-        #: Experiments that the present version has learned from, as far as they are known.
-        self.learned_from: list[Experiment] = []
         #: What competes when it has ended.
         self.search: CauseSearch | None = None
         # Integration steps that are left in this experiment for a search of its own.
         self._steps = granted(None)
-        self.backoff = SearchBackoff()
-        # Whether the version adopted last was in force before.
-        self._again = False
 
     def _dealt(self, experiment: Experiment, signal: Signal) -> tuple[Adaptation, Model]:
-        self.watch.saw(signal.max_error, largest_error(self.original, experiment))
+        self._watched(experiment, signal)
         if self._passed_over(experiment):
             return super()._dealt(experiment, signal)
         search, self.search = self.search, None  # of one that fails nothing is left
@@ -107,13 +89,15 @@ class ContestAdaptor(Adaptor):
         self._explain(experiment)
         self._learning = signal.state == "learning"
         self._elsewhere = signal.state in ELSEWHERE
-        before, recent = self.model, self.memory.recent
+        before, recent, self._pick = self.model, self.memory.recent, self.followed
         won = self._contested(learned, experiment, signal)
         told, model = won or super()._dealt(experiment, signal)
         self._took(before, [*recent, experiment], signal)
         self._saw(experiment)
         if search is not None and self.search is not search:
             told = replace(told, details={**told.details, SEARCHED: 1.0})
+        if self._follow():
+            told = replace(told, details={**told.details, FOLLOWED: self.followed.version})
         return told, model
 
     def _contested(
@@ -127,17 +111,20 @@ class ContestAdaptor(Adaptor):
         if found is None and (long or (not seen and self.watch.worse_now)):
             where = self.watch.why if long else "errs less in this new range"
             found, details[ORIGINAL] = (self.original, f"is the original again, which {where}"), 1.0
+            self._pick = self.model if long else self.original
+            if long and self._explaining:
+                self._returns(self._explaining, experiment)
             sure = False
             self.watch.withdraw(self.model.version)
-        known = self._explaining if signal.level is Level.WARNING else None
-        if found is None and known and self._returns(known, experiment) is known:
-            found = known, f"is version {known.version} again"
-        if found is None and signal.state == "holds" and self._explaining is self.model:
-            here = self._condition(self.model)
-            ahead = self.chain.ahead(self.model, here, experiment, self._versions())
-            if ahead is not None:
-                sure = False
-                found = ahead, f"is version {ahead.version} again, as the machine changes in turns"
+        known = self._explaining
+        holds = signal.state == "holds" and known is self.model
+        if found is None and known and (holds or signal.level is Level.WARNING):
+            judge = self._foreseen if holds else self._returns
+            ahead = judge(known, experiment)
+            if ahead is not None and not alike(ahead, self.model):
+                sure = ahead is known
+                why = "" if sure else ", which errs least over what may follow"
+                found = ahead, f"is version {ahead.version} again{why}"
         if found is None:
             return None
         (model, origin), before = found, self.model
@@ -151,71 +138,6 @@ class ContestAdaptor(Adaptor):
         reason = self._reason(before, experiment, origin, sure)
         told = Adaptation(experiment.number, Action.ADAPTED, self.model.version, reason, details)
         return self._warned(told, experiment), self.model
-
-    def _adopt(self, model: Model) -> None:
-        there = [m for m in (*self.earlier[1:], self.model) if alike(m, model)]
-        self._again = bool(there) or alike(model, self.original)
-        super()._adopt(model)
-        self.earlier = [m for i, m in enumerate(self.earlier) if i == 0 or m not in there]
-        for m in there:
-            if m is not self.original:
-                self.chain.rename(m.version, model.version)
-
-    def _condition(self, model: Model) -> int:
-        """The condition that a version stands for: its number, of what is the original again 0."""
-        return UNLEARNED if alike(model, self.original) else model.version
-
-    def _explain(self, experiment: Experiment, step: RecordedStep | None = None) -> None:
-        """Find the version that explains the experiment, the present one before all others."""
-        said = None if step is None else step.prediction
-        fits, error = fit_of(self.model, experiment, said)
-        self._explaining = self.model if fits else explaining(self.earlier, experiment, error)
-        self.backoff.saw(isinstance(self._explaining, GreyBoxModel), error)
-
-    def _took(self, before: Model, recent: Sequence[Experiment], signal: Signal) -> None:
-        """Note what a new version has learned from; of one in force again it is not known.
-
-        One that has learned more of the same condition is another version of it.
-        """
-        if self.model is before:
-            return
-        known = {e.number: e for e in (*self.learned_from, *recent)}  # the newest of a number
-        numbers = () if self._again else self.model.trained_on
-        learned = [known[n] for n in numbers if n in known]
-        more = signal.state == "learning" and not self._again and before is not self.original
-        if more or any(same(e, k) for e in learned for k in self.learned_from):
-            self.chain.rename(before.version, self.model.version)
-        self.learned_from = learned
-
-    def _saw(self, experiment: Experiment) -> None:
-        model = self._explaining
-        learned = any(same(experiment, e) for e in self.learned_from)
-        if alike(model, self.model) if model else learned and explains(self.model, experiment):
-            model = self.model
-        here = None if model is None else self._condition(model)
-        if model is not None and here:
-            self.chain.merge(model, here, experiment, self._versions())
-        self.chain.saw(here, experiment)
-
-    def _versions(self) -> list[tuple[int, Model]]:
-        """Each earlier one with the condition that it stands for."""
-        return [(self._condition(m), m) for m in self.earlier]
-
-    def _returns(self, version: Model, experiment: Experiment) -> Model | None:
-        """What is foreseen where another version explains the experiment; None where none does."""
-        if version is self.model or self._fails_before(version, experiment):
-            return None
-        return self._foreseen(version, experiment)
-
-    def _foreseen(self, version: Model, experiment: Experiment) -> Model:
-        """Which will err least in the next one: this version, which explains it, the present one or
-        the original, of which people know how it errs.
-        """
-        here = self._condition(version)
-        rivals = list({id(m): m for m in (self.original, version, self.model)}.values())
-        expected = [self.chain.expected_error(m, here, experiment) for m in rivals]
-        best = int(np.argmin(expected))
-        return rivals[best] if expected[best] < BETTER * expected[0] else self.original
 
     def _learn(self, experiment: Experiment) -> tuple[Action, str, dict[str, float]]:
         self.memory.clear()
@@ -303,10 +225,6 @@ class ContestAdaptor(Adaptor):
         """The newest experiments that nobody explains."""
         return unexplained(self.model, self.original, self._recent(experiment), experiment)
 
-    def _fails_before(self, model: Model, experiment: Experiment) -> bool:
-        about = experiment, self.learned_from, self._recent(experiment)
-        return fails_before(model, self.model, *about)
-
     def _trained(
         self, search: CauseSearch | None, experiment: Experiment, signal: Signal
     ) -> tuple[Model, str] | None:
@@ -345,7 +263,7 @@ class ContestAdaptor(Adaptor):
             self.search = None
             super().recall(step)
             return
-        self.watch.saw(step.signal.max_error, largest_error(self.original, step.experiment))
+        self._watched(step.experiment, step.signal)
         told = step.adaptation.details
         passed_over = any(told.get(why) for why in PASSED_OVER)
         if not passed_over:
@@ -362,6 +280,8 @@ class ContestAdaptor(Adaptor):
             self._saw(step.experiment)
         if told.get(ORIGINAL):
             self.watch.withdraw(before.version)
+        if not passed_over or ROLLED_BACK in told:
+            self.followed = self._version(told.get(FOLLOWED, self.model.version))
 
     def _recall_search(self, step: RecordedStep) -> None:
         """What a search was granted, that it has ended, or that another one began."""
@@ -381,9 +301,11 @@ class ContestAdaptor(Adaptor):
         """Its state by the numbers of what is recorded; `return_to` takes it back."""
         search = None if self.search is None else self.search.state()
         learned = [[e.number, e.start] for e in self.learned_from]
+        followed = self.followed.version
         own = {"watch": self.watch.state(), "search": search, "learned_from": learned}
         chain, backoff = self.chain.state(), self.backoff.state()
-        return {**super().state(), **own, "chain": chain, "backoff": backoff}
+        more = {"followed": followed, "chain": chain, "backoff": backoff}
+        return {**super().state(), **own, **more}
 
     def return_to(self, state: Mapping[str, Any], archive: Archive) -> None:
         """Take back a state, before any step here."""
@@ -395,4 +317,5 @@ class ContestAdaptor(Adaptor):
         super().return_to(state, archive)
         self.watch, self.search, self.chain = OriginalWatch.of(state["watch"]), search, chain
         self.learned_from = learned
+        self.followed = self._version(state["followed"])
         self.backoff.return_to(state["backoff"])

@@ -1,4 +1,10 @@
-"""Whether the original would have erred less than the twin, in the last experiments."""
+"""Whether the original would have erred less than what learns, in the last experiments.
+
+The two are experts, of whom the one is followed that erred less lately ("follow the leader"; N.
+Cesa-Bianchi, G. Lugosi, "Prediction, Learning, and Games", Cambridge 2006). What learns is judged
+while the original is in force, too: by the version that would be. Were it judged by nothing then,
+each time that it came back would cost as much again.
+"""
 
 from __future__ import annotations
 
@@ -13,10 +19,10 @@ WORSE = 1.1
 
 
 class OriginalWatch:
-    """Compares the largest errors of the twin with those that the original would have had.
+    """Compares the largest errors of what learns with those that the original would have had.
 
     Attributes:
-        errors: of the twin and the original [rad/s] in the last experiments.
+        errors: of what learns and the original [rad/s] in the last experiments.
         withdrawn: versions that the original took the place of. What erred more over several
             experiments may err less in one by luck: such a version returns only where it explains.
     """
@@ -26,13 +32,12 @@ class OriginalWatch:
     ) -> None:
         self.errors, self.withdrawn = deque(errors, COMPARED), set(withdrawn)
 
-    def saw(self, twin: float, original: float) -> None:
+    def saw(self, learning: float, original: float) -> None:
         """Largest errors [rad/s] in one more experiment."""
-        self.errors.append((twin, original))
+        self.errors.append((learning, original))
 
     def withdraw(self, version: int) -> None:
-        """The original has taken the place of a version; the comparison begins anew."""
-        self.errors.clear()
+        """The original has taken the place of a version."""
         self.withdrawn.add(version)
 
     def state(self) -> dict[str, Any]:
@@ -46,12 +51,18 @@ class OriginalWatch:
         return cls(errors, map(int, state["withdrawn"]))
 
     @property
-    def worse(self) -> bool:
-        """Whether the twin was worse than the original for long, and is now."""
+    def trails(self) -> bool:
+        """Whether what learns was worse than the original for long."""
         if len(self.errors) < LEAST_COMPARED:
             return False
-        (now, first), (twin, original) = self.errors[-1], map(sum, zip(*self.errors, strict=True))
-        return now > first and twin > WORSE * original
+        learning, original = map(sum, zip(*self.errors, strict=True))
+        return learning > WORSE * original
+
+    @property
+    def worse(self) -> bool:
+        """Whether it also is now."""
+        now, first = self.errors[-1]
+        return now > first and self.trails
 
     @property
     def why(self) -> str:
