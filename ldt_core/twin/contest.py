@@ -112,7 +112,7 @@ class ContestAdaptor(KnownVersions):
             where = self.watch.why if long else "errs less in this new range"
             found, details[ORIGINAL] = (self.original, f"is the original again, which {where}"), 1.0
             self._pick = self.model if long else self.original
-            if long and self._explaining:
+            if long and self._explaining:  # what learns goes on, judged meanwhile
                 self._returns(self._explaining, experiment)
             sure = False
             self.watch.withdraw(self.model.version)

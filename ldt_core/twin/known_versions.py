@@ -47,7 +47,9 @@ class KnownVersions(Adaptor):
         self.original = model
         self.watch = OriginalWatch()
         #: What would be in force, did the original not take its place.
-        self.followed = self._pick = model
+        self.followed = model
+        # The same for the next experiment, as far as it is foreseen in this one.
+        self._pick = model
         #: What the machine was like, and how that follows upon each other.
         self.chain = ConditionChain()
         #: The version that explains the present experiment.
@@ -108,6 +110,7 @@ class KnownVersions(Adaptor):
         return [(self._condition(m), m) for m in self.earlier]
 
     def _watched(self, experiment: Experiment, signal: Signal) -> None:
+        """Compare what learns with the original, in force or not."""
         own = signal.max_error
         if not alike(self.followed, self.model):
             own = largest_error(self.followed, experiment)
