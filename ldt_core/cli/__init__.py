@@ -27,6 +27,7 @@ GROUP = "ldt.command"
 LONGEST_PLACE = 300  # characters of a file's name in a sentence
 NO_THREAD = "can't start new thread"  # Python's own words where memory or threads have run out
 NO_EXCEPTION = "raised what is no Exception"
+CLICK = click.core.__name__
 UNNAMEABLE = (errno.ENAMETOOLONG, errno.ELOOP)  # what no file can be called
 # As wide as the terminal up to 100 columns: the options' descriptions are sentences.
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
@@ -147,10 +148,9 @@ def invoke(command: click.Command, arguments: list[str] | None = None) -> int:
         code = 2 if error.errno in UNNAMEABLE else 1
         return _say(f"{place}: {error.strerror or error}", code)
     except BaseException as error:
-        if isinstance(error, Exception | KeyboardInterrupt):
+        # Click ends so a shell's question for names, and where a reader has left.
+        if isinstance(error, Exception | KeyboardInterrupt) or _raised_in(error) == CLICK:
             raise
-        if _raised_in(error) == click.core.__name__:  # its answer to a reader that has left
-            return 1
         did = "would end the program" if isinstance(error, SystemExit) else NO_EXCEPTION
         return _say(f"a part of your own {did}: {reason_of(error)}", 1)
 

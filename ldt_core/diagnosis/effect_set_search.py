@@ -100,7 +100,8 @@ class EffectSetSearch(SetFits):
             if self.spent or not best or self.band.excess(best[0].residual) < enough:
                 break
             if count > 1 and not self._gained(count):
-                if count >= (SIZE_TRIED_ANYWAY if self._room_for_more(best[0]) else 2):
+                anyway = count < (SIZE_TRIED_ANYWAY if self._room_for_more(best[0]) else 2)
+                if not anyway and not self._promised(best[0], enough):
                     break
                 bases = 1
         for size in range(1, count + 1):

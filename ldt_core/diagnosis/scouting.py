@@ -12,8 +12,8 @@ from ldt_core.diagnosis.effect_fit import EffectFit, used
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals, Used
 from ldt_core.diagnosis.nominal_prior import NominalPrior
 
-# In the scout's experiments together, about: bounds the time of a fit. With half as many again, of 92
-# sealed cases three had another member in a group, and none another outcome.
+# In the scout's experiments together, about: bounds the time of a fit. With half as many again, of
+# 92 sealed cases three had another member in a group, and none another outcome.
 SCOUT_SAMPLES = 4_000
 SCOUT_EXPERIMENTS = 8  # at most: enough to show every part of a recording
 WILD = 10.0  # times the loss without effects: a fit that begins with more may never find back

@@ -43,7 +43,7 @@ def undrawn(patched: pytest.MonkeyPatch) -> None:
         return Path(out) / "study.html"
 
     patched.setattr(study_page, "write_figures", lambda study, out: [])
-    patched.setattr(study_page, "write_page", write_page)
+    patched.setattr(study_page, "write_study_page", write_page)
 
 
 @pytest.fixture
