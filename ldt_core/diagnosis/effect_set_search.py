@@ -75,12 +75,13 @@ class EffectSetSearch(SetFits):
         """
         enough = self.band.limit_of(THRESHOLDS.remainder_false_alarm)
         self._alone()
-        bases = BASES
+        bases, promised = BASES, False
         for count in range(1, THRESHOLDS.largest_set + 1):
             if count > 1:
                 before = self._best(count - 1)[0]
                 room = self._room_for_more(before)
-                if not room and not self._promised(before, enough):
+                promised = not room and self._promised(before, enough)
+                if not room and not promised:
                     break
                 if count == 2:
                     self._pairs()
@@ -101,7 +102,8 @@ class EffectSetSearch(SetFits):
                 break
             if count > 1 and not self._gained(count):
                 anyway = count < (SIZE_TRIED_ANYWAY if self._room_for_more(best[0]) else 2)
-                if not anyway and not self._promised(best[0], enough):
+                # A promise that was not kept is not believed again.
+                if promised or not (anyway or self._promised(best[0], enough)):
                     break
                 bases = 1
         for size in range(1, count + 1):
