@@ -55,7 +55,7 @@ def run() -> Iterator[Row]:
     for pair in tried:
         fit(bench, pair, [c.coordinates(c.typical) for c in pair])
     peer = (time.perf_counter() - begin) * len(pairs) / len(tried)
-    named = " and ".join(found.verdict.effects)
+    named = " and ".join(" or ".join(names) for names in found.verdict.acting)
     yield Row(
         name=f"diagnosis, {CANDIDATES} candidates with pairs, 20 experiments of 2000 samples",
         ours_s=ours,
