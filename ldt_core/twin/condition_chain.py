@@ -14,6 +14,7 @@ import math
 from collections import Counter, defaultdict, deque
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
+from weakref import WeakKeyDictionary
 
 from ldt_core.base.experiment import Experiment
 from ldt_core.models.base import Model
@@ -48,6 +49,10 @@ class ConditionChain:
         self.shown: dict[int | None, Experiment] = {}
         # Of other conditions, the model and the experiment shown that it does not explain.
         self._apart: dict[int, tuple[Model, Experiment]] = {}
+        # For as long as somebody else holds the experiment, whose samples may be many.
+        self._errors: WeakKeyDictionary[Experiment, WeakKeyDictionary[Model, float]] = (
+            WeakKeyDictionary()
+        )
 
     def saw(self, condition: int | None, experiment: Experiment) -> None:
         """Take in one experiment."""
@@ -101,7 +106,14 @@ class ConditionChain:
         """
         following = self.following(condition).items()
         shown = ((p, experiment if c == condition else self.shown[c]) for c, p in following)
-        return sum(p * _largest_error(model, e) for p, e in shown)
+        return sum(p * self._error(model, e) for p, e in shown)
+
+    def _error(self, model: Model, experiment: Experiment) -> float:
+        """Largest error, found once: of ten versions in as many conditions, it is asked again."""
+        known = self._errors.setdefault(experiment, WeakKeyDictionary())
+        if model not in known:
+            known[model] = largest_error(model, experiment)
+        return known[model]
 
     def state(self) -> dict[str, Any]:
         """By the numbers of what is recorded; `return_to` takes it back."""
@@ -118,8 +130,6 @@ class ConditionChain:
         self.path, self.shown = deque(path, REMEMBERED), shown
 
 
-#: What is asked again for each experiment: of some ten versions and as many conditions.
-_largest_error = functools.lru_cache(maxsize=256)(largest_error)
 #: The last conditions to how often which one came behind them.
 _Seen = dict[tuple[int | None, ...], Counter[int | None]]
 

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import gc
+import weakref
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from ldt_core.base.experiment import Experiment
+from ldt_core.machine.machine_file import load_machine
+from ldt_core.models.physics import PhysicsModel
 from ldt_core.twin.condition_chain import ConditionChain
 
 
@@ -102,3 +107,16 @@ def test_a_version_that_comes_again_is_the_same_condition():
     chain.rename(1, 5)
     assert list(chain.path) == [5, 0, 5, 0]
     assert chain.shown[5].number == 3
+
+
+def test_an_experiment_is_held_no_longer_than_it_is_shown():
+    """Its samples may be a million; errors that were found of it go with it."""
+    chain = chain_of([0, 1, 0, 1])
+    model = PhysicsModel(load_machine("dc_motor"))
+    newest = experiment(5)
+    first = chain.expected_error(model, 1, newest)
+    assert chain.expected_error(model, 1, newest) == first
+    gone = weakref.ref(newest)
+    del newest
+    gc.collect()
+    assert gone() is None
