@@ -69,23 +69,28 @@ class EffectSetSearch(SetFits):
         return outside > HIDDEN * inside
 
     def _grow(self) -> FittedSets:
-        """Fit sets of one effect, then of two and three as long as something is left.
+        """Fit sets of one effect, then larger ones as long as more is left than noise.
 
-        Larger sets are built only on a triple that a pair could not replace.
+        With little left, or where two sizes gained nothing, the responses have to promise that a
+        further effect explains it. A promise that was not kept is not believed again.
         """
         enough = self.band.limit_of(THRESHOLDS.remainder_false_alarm)
         self._alone()
         bases, promised = BASES, False
         for count in range(1, THRESHOLDS.largest_set + 1):
             if count > 1:
-                before = self._best(count - 1)[0]
-                room = self._room_for_more(before)
-                promised = not room and self._promised(before, enough)
-                if not room and not promised:
+                stuck = count > 2 and not self._gained(count - 1)
+                if stuck and promised:
                     break
+                before = self._best(count - 1)[0]
+                promised = not self._room_for_more(before)
+                asked = promised or (stuck and count > SIZE_TRIED_ANYWAY)
+                if asked and not self._promised(before, enough):
+                    break
+                bases = 1 if stuck else bases
                 if count == 2:
                     self._pairs()
-                self._build_on(count - 1, bases if room else 1)
+                self._build_on(count - 1, 1 if promised else bases)
                 if not self._best(count):  # no candidate is left that shows
                     break
                 before = self._best(count - 1)[0]
@@ -100,12 +105,6 @@ class EffectSetSearch(SetFits):
             best = self._best(count)
             if self.spent or not best or self.band.excess(best[0].residual) < enough:
                 break
-            if count > 1 and not self._gained(count):
-                anyway = count < (SIZE_TRIED_ANYWAY if self._room_for_more(best[0]) else 2)
-                # A promise that was not kept is not believed again.
-                if promised or not (anyway or self._promised(best[0], enough)):
-                    break
-                bases = 1
         for size in range(1, count + 1):
             self._finish(size)
         return self.found

@@ -62,6 +62,14 @@ class Responses:
         """(K,) inner products of the responses with the residual."""
         return np.asarray(self.responses @ self.base)
 
+    def _free_of(self, base: EffectFit) -> tuple[Array, Array]:
+        """(K, size) responses and (size,) residuals without what a set's own parameters follow."""
+        if not base.members:
+            return self.responses, base.residual
+        span = following(base)
+        moved = self.responses - (self.responses @ span) @ span.T
+        return moved, base.residual - span @ (span.T @ base.residual)
+
     def promised_beside(self, base: EffectFit) -> list[tuple[Candidate, Array, float]]:
         """What each other effect promises beside a set, the most promising first.
 
@@ -69,11 +77,7 @@ class Responses:
             The effect, its most promising coordinates, and the loss that it then takes away,
             to first order and with the set's own parameters free to follow.
         """
-        left, moved = base.residual, self.responses
-        if base.members:
-            span = following(base)
-            moved = moved - (moved @ span) @ span.T
-            left = left - span @ (span.T @ left)
+        moved, left = self._free_of(base)
         size, target = np.einsum("ij,ij->i", moved, moved), moved @ left
         scale = np.clip(target / np.maximum(size, 1e-9), SHRINK, STRETCH)
         gain = 2 * scale * target - scale**2 * size
@@ -94,9 +98,7 @@ class Responses:
 
         To first order, of any size, and with the set's own parameters free to follow.
         """
-        span = following(base)
-        moved = self.responses - (self.responses @ span) @ span.T
-        left = base.residual - span @ (span.T @ base.residual)
+        moved, left = self._free_of(base)
         size = np.einsum("ij,ij->i", moved, moved)
         shown = size > ALIKE * np.diag(self.gram)
         if not shown.any():
@@ -115,9 +117,7 @@ class Responses:
 
         Of one that shows nothing without the set, as many that are spread over its starts.
         """
-        span = following(base) if base.members else np.zeros((self.responses.shape[1], 0))
-        moved = self.responses - (self.responses @ span) @ span.T
-        left = base.residual - span @ (span.T @ base.residual)
+        moved, left = self._free_of(base)
         size, target = np.einsum("ij,ij->i", moved, moved), moved @ left
         scale = np.clip(target / np.maximum(size, 1e-9), SHRINK, STRETCH)
         order = np.argsort(scale**2 * size - 2 * scale * target)
