@@ -22,9 +22,12 @@ import msgs_config
 REPOSITORY = Path(__file__).resolve().parents[1]
 MEASURED = REPOSITORY.parent / "shared" / "data"
 DOMAINS = 100  # which domain_coordinator reserves
+#: Begun before all others, in this order. In a fresh checkout the first compiles numerical code for
+#: a quarter of a minute, which most others use: beside it run those that use next to none of it.
+FIRST = ("test_docs.py", "test_hung.py", "test_house.py", "test_watch_browser.py")
 #: Files of the most processor time, above 20 s each: begun late, one of them would be last alone.
 LONGEST = {
-    *("test_docs.py", "test_crashes.py", "test_up.py", "test_diagnose.py", "test_verdict.py"),
+    *("test_crashes.py", "test_up.py", "test_diagnose.py", "test_verdict.py"),
     *("test_real_machines.py", "test_tuning.py"),
 }
 
@@ -60,6 +63,13 @@ def pytest_configure(config: pytest.Config) -> None:
         config.option.loadscopereorder = False
 
 
+def is_lone_page(nodeid: str) -> bool:
+    """Whether this tests one page of `ldt docs` that shares nothing with another."""
+    page = "test_a_page_works_by_copy_and_paste" in nodeid
+    # They begin with the same run, which a process makes once.
+    return page and not nodeid.endswith(("[start]", "[watch]"))
+
+
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
     """With `--dist loadfile`: a file is one piece of work, and so is a page of `ldt docs`."""
@@ -67,16 +77,13 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
 
     class Pieces(LoadFileScheduling):
         def _split_scope(self, nodeid: str) -> str:
-            page = "test_a_page_works_by_copy_and_paste" in nodeid
-            # They begin with the same run, which a process makes once.
-            alone = page and not nodeid.endswith(("[start]", "[watch]"))
-            return nodeid if alone else super()._split_scope(nodeid)
+            return nodeid if is_lone_page(nodeid) else super()._split_scope(nodeid)
 
     return Pieces(config, log) if config.getoption("dist") == "loadfile" else None
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Side by side, the longest files first, then those of few tests, which run whole programs.
+    """Side by side, `FIRST`, the longest files, then those of few tests, which run whole programs.
 
     Those of the node graph are spread out among the others: each fills all cores by itself.
     """
@@ -88,7 +95,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
             files.sort(key=lambda f: size[f])
             place |= {file: index / len(files) for index, file in enumerate(files)}
         place |= {file: -1.0 for file in size if file.name in LONGEST}
-        items.sort(key=lambda item: place[item.path])
+        place |= {file: FIRST.index(file.name) - 9.0 for file in size if file.name in FIRST}
+        items.sort(key=lambda item: -1.0 if is_lone_page(item.nodeid) else place[item.path])
 
 
 @pytest.fixture(scope="session")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import threading
 import time
@@ -20,13 +21,18 @@ from ldt_core.twin.stage import RecordedStep
 #: Eccentricities, and what the detector says: 3 asks, then 8.
 TRUTH = [0.0] * 2 + [0.008] * 5 + [0.012] * 4
 SIGNS = "--+++-+++++"
-EXPERIMENTS = [worn(e, i) for i, e in enumerate(TRUTH, 1)]
 SIGNALS = [Signal(i, LEVELS[s], "threshold", 7, 1.0) for i, s in enumerate(SIGNS, 1)]
+
+
+@functools.cache
+def experiments():
+    """Made when they are first asked for: workers collect all tests, and would compile for it."""
+    return [worn(e, i) for i, e in enumerate(TRUTH, 1)]
 
 
 def answers(diagnoser, begin=0, stop=None):
     """What it answers to these experiments."""
-    given = zip(EXPERIMENTS[begin:stop], SIGNALS[begin:stop], strict=True)
+    given = zip(experiments()[begin:stop], SIGNALS[begin:stop], strict=True)
     return [diagnoser.step(e, s) for e, s in given]
 
 
@@ -65,12 +71,12 @@ def test_it_goes_on_in_the_middle_of_a_diagnosis(end):
     through = answers(Diagnoser(SHORT, {}, Scripted(TRUTH), 3))
     kept = Adaptation(1, Action.KEPT, 7, "", {})
     recalled = Diagnoser(SHORT, {}, Scripted(TRUTH), 3)
-    for e, s, found in zip(EXPERIMENTS[:end], SIGNALS, through, strict=False):
+    for e, s, found in zip(experiments()[:end], SIGNALS, through, strict=False):
         told = Prediction(e.number, e.start, e.period, 7, e.speed)
         recalled.recall(RecordedStep(e, told, s, kept, None, found))
     state = json.loads(json.dumps(recalled.state()))
     returned = Diagnoser(SHORT, {}, Scripted(TRUTH), 3)
-    returned.return_to(state, FakeArchive(EXPERIMENTS, (), [a for a in through if a]))
+    returned.return_to(state, FakeArchive(experiments(), (), [a for a in through if a]))
     assert answers(recalled, end) == through[end:]
     assert answers(returned, end) == through[end:]
 
@@ -95,12 +101,12 @@ def test_told_to_stop_it_breaks_off_what_is_under_way():
 
 def test_the_experiment_in_which_the_machine_changed_is_left_out():
     """It asks for nothing; the next one does, and is diagnosed alone."""
-    whole, half = worn(0.0, 3), len(EXPERIMENTS[0]) // 2
+    whole, half = worn(0.0, 3), len(experiments()[0]) // 2
     later = np.arange(len(whole)) >= half
     mixed = replace(whole, speed=np.where(later, whole.speed - 3.0, whole.speed))
     make = Scripted([0.0, 0.0, 0.0, 0.008])
     diagnoser = Diagnoser(SHORT, {}, make)
-    given = [EXPERIMENTS[0], EXPERIMENTS[1], mixed, worn(0.008, 4)]
+    given = [experiments()[0], experiments()[1], mixed, worn(0.008, 4)]
     signals = [Signal(i, LEVELS[s], "threshold", 7, 1.0) for i, s in enumerate("--++", 1)]
     told = [diagnoser.step(e, s) for e, s in zip(given, signals, strict=True)]
     assert [t is not None for t in told] == [False, False, False, True]
@@ -122,6 +128,6 @@ def test_the_adaptor_learns_by_the_verdict_from_its_time_on():
     """Before it there is no cause."""
     adaptor = auto_adaptor(TRUTH)
     adaptor.diagnoser = Diagnoser(SHORT, AUTO, Scripted(TRUTH), 2)
-    told = [adaptor.step(e, s)[0] for e, s in zip(EXPERIMENTS[2:5], SIGNALS[2:5], strict=True)]
+    told = [adaptor.step(e, s)[0] for e, s in zip(experiments()[2:5], SIGNALS[2:5], strict=True)]
     assert [t.action for t in told] == [Action.REFUSED, Action.REFUSED, Action.ADAPTED]
     assert adaptor.diagnosis.values["asked_at"] == 3

@@ -57,9 +57,10 @@ class Hangs(Threshold):
 def test_a_node_that_hangs_at_its_start_is_killed_and_started_again(domain, tmp_path, monkeypatch):
     """All others waited for it for ever."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(respawn, "STARTUP", 10.0)
+    monkeypatch.setattr(respawn, "STARTUP", 4.0)
     (tmp_path / "own.py").write_text(HANGS_AT_ONCE)
     given = {"experiments": 2, "model": "physics", "detector": "own.py:Hangs", "bag": "run"}
+    given["hung_after"] = 6  # the default is waited for otherwise, however soon a start is over
     begin = time.monotonic()
     (run,) = launch(given, stopped=lambda: time.monotonic() - begin > PATIENCE)
     assert run.summary.experiments == 2

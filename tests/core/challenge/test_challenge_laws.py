@@ -80,7 +80,7 @@ def test_the_laws_are_of_the_librarys_effects_by_their_names_and_units():
 
 def explained(name, seed):
     """The share of a case's gap that the law's nearest parameters explain in the twin."""
-    plan = plan_case("single", [name], seed=(seed,), strength=6.0, **{**MIDDLE, "samples": 600})
+    plan = plan_case("single", [name], seed=(seed,), strength=6.0, **{**MIDDLE, "samples": 400})
     machine, bench = machine_from_dict(plan.machine, "case"), CaseBench(plan.setting)
     effect, key = get_effect(name), plan.truth["parameters"][name]
     used = [(effect, effect.check({n: p["value"] for n, p in key.items()}))]
