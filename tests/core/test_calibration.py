@@ -117,23 +117,23 @@ def test_a_wrong_first_sample_does_not_bias_the_parameters():
 @pytest.mark.slow
 @pytest.mark.parametrize(("count", "samples", "ar"), [(3, 300, 0.0), (3, 300, 0.9), (8, 150, 0.9)])
 def test_intervals_cover_the_truth(count, samples, ar):
-    """Of 30 recordings, the 95 % intervals miss the truth in at most 6, white noise or AR(1).
+    """Of 20 recordings, the 95 % intervals miss the truth in at most 5, white noise or AR(1).
 
-    With a coverage of 95 % more than 6 misses happen 6 times in 10,000 (binomial). Intervals are
-    withheld by chance in one recording of twenty: in more than 5 of 30 once in 300 times. Taking
-    AR(1) noise of 0.9 for white makes intervals 3.6 times too narrow: more than 6 miss then.
+    With a coverage of 95 % more than 5 misses happen 3 times in 10,000 (binomial). Intervals are
+    withheld by chance in one recording of twenty: in more than 4 of 20 once in 400 times. Taking
+    AR(1) noise of 0.9 for white makes intervals 3.6 times too narrow: more than 5 miss then.
     """
     true = MOTOR.with_parameters(J=0.0013, K_t=0.055)
     hits, given = dict.fromkeys(("J", "K_t"), 0), 0
-    for seed in range(30):
+    for seed in range(20):
         experiments = measured(true, count, samples, noise=1.0, ar=ar, seed=seed, hold=30)
         result = calibrate(MOTOR, experiments, free=["J", "K_t"], holdout=0)
         given += result.lacking == []
         for name in hits if result.lacking == [] else ():
             low, high = found(result)[name].ci95
             hits[name] += low <= true.parameters[name] <= high
-    assert given >= 25
-    assert min(hits.values()) >= given - 6, hits
+    assert given >= 16
+    assert min(hits.values()) >= given - 5, hits
 
 
 @pytest.mark.slow

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import os
 import subprocess
 from typing import Any
 
 import pytest
-from disturbed import LDT, RUN
+from disturbed import LDT, RUN, ran
 from network import two_hosts
 from stranger import Stranger
 
@@ -65,7 +64,5 @@ def ldt(domain, programs, tmp_path):
 def undisturbed(tmp_path_factory):
     """The same run without the graph, and so without anything that could be killed."""
     folder = tmp_path_factory.mktemp("undisturbed")
-    command = [LDT, "run", *RUN, "--bag", "run", "--json"]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=True)
-    assert json.loads(done.stdout)["runs"][0]["adaptations"] > 5  # there is something to lose
+    assert ran(folder, "run", *RUN, "--bag", "run")["adaptations"] > 5  # there is something to lose
     return folder / "run"

@@ -6,6 +6,7 @@ import contextlib
 import json
 import random
 import sys
+import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -16,6 +17,7 @@ import numpy as np
 import psutil
 
 from ldt_core.base.experiment import Adaptation
+from ldt_core.cli import invoke, ldt
 from ldt_core.recording.bag import read_bag
 
 LDT = str(Path(sys.executable).with_name("ldt"))
@@ -112,15 +114,31 @@ def wait_for(recording: Path, experiments: int) -> None:
     )
 
 
-def finished(process: Any, refused: str = "") -> dict[str, Any]:
-    """What a run with `--json` says of itself, of one that ended as it should.
-
-    With an experiment that is to be refused that is with 1, and these words.
-    """
+def finished(process: Any) -> dict[str, Any]:
+    """What a run with `--json` says of itself, of one that ended as it should."""
     output, errors = process.communicate(timeout=PATIENCE)
-    assert process.returncode == bool(refused)
-    assert refused in errors if refused else errors == ""
+    assert (process.returncode, errors) == (0, "")
     run: dict[str, Any] = json.loads(output)["runs"][0]
+    return run
+
+
+def ran(folder: Path, *arguments: str, refused: str = "") -> dict[str, Any]:
+    """The same of a command that ends by itself: in this process, which spares it the start.
+
+    With an experiment that is to be refused it ends with 1, and these words.
+    """
+    with (
+        tempfile.TemporaryFile("w+") as output,  # nodes are started with a file's number
+        tempfile.TemporaryFile("w+") as errors,
+        contextlib.chdir(folder),
+        contextlib.redirect_stdout(output),
+        contextlib.redirect_stderr(errors),
+    ):
+        code = invoke(ldt, [*arguments, "--json"])
+        printed, told = (file.seek(0) or file.read() for file in (output, errors))
+    assert code == bool(refused), told
+    assert refused in told if refused else told == ""
+    run: dict[str, Any] = json.loads(printed)["runs"][0]
     return run
 
 

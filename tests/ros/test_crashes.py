@@ -17,7 +17,18 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from disturbed import MODEL, PATIENCE, RUN, differences, finished, killed, nodes, recorded, wait_for
+from disturbed import (
+    MODEL,
+    PATIENCE,
+    RUN,
+    differences,
+    finished,
+    killed,
+    nodes,
+    ran,
+    recorded,
+    wait_for,
+)
 
 from ldt_core.base.experiment import Experiment
 from ldt_core.cli import invoke
@@ -141,10 +152,10 @@ def test_a_stopped_node_goes_on_at_an_interrupt_and_loses_nothing(
     assert len(sent) > 10
 
 
-def test_the_comparison_finds_what_is_lost_doubled_or_other(undisturbed, ldt, tmp_path):
+def test_the_comparison_finds_what_is_lost_doubled_or_other(undisturbed, tmp_path):
     """Else the tests here would show nothing."""
     other = ("--experiments", "40", "--seed", "4", *MODEL, "--start-time", "1e9")
-    finished(ldt("run", *other, "--bag", "other", "--json"))
+    ran(tmp_path, "run", *other, "--bag", "other")
     found = differences(undisturbed, tmp_path / "other")
     assert found["experiment"] == "40 lost, 40 more or other"
     assert set(found) >= {"experiment", "prediction", "signal", "adaptation"}
@@ -161,7 +172,7 @@ def test_a_whole_stack_that_was_killed_goes_on(ldt, undisturbed, tmp_path):
     process.communicate()
     ended = recorded(tmp_path / "run")
     assert 5 <= ended < 40
-    run = finished(ldt("up", "--resume", "run", "--rate", "max", "--json"))
+    run = ran(tmp_path, "up", "--resume", "run", "--rate", "max")
     assert run["experiments"] == 40
     assert differences(undisturbed, tmp_path / "run") == {}
     assert read_bag(tmp_path / "run").notes == []
@@ -178,7 +189,7 @@ def test_a_counter_that_began_anew_is_no_reason_to_lose_anything(ldt, tmp_path):
     quick = ("--detector", "threshold", "--threshold", "0.5", "--gate", "none")
     play = ("--play", "played", *MODEL, *quick)
     again = "not answered: experiment 1"
-    finished(ldt("run", *play, "--bag", "undisturbed", "--json"), again)
+    ran(tmp_path, "run", *play, "--bag", "undisturbed", refused=again)
     process = ldt("up", *play, "--bag", "run", "--rate", "6")
     wait_for(tmp_path / "run", 24)
     roles = ("twin", "detector", "adaptor", "recorder", "player")
@@ -189,7 +200,7 @@ def test_a_counter_that_began_anew_is_no_reason_to_lose_anything(ldt, tmp_path):
     process.kill()
     process.communicate()
     assert 24 <= recorded(tmp_path / "run") < 59
-    finished(ldt("up", "--resume", "run", "--rate", "max", "--json"))  # refused before
+    ran(tmp_path, "up", "--resume", "run", "--rate", "max")  # refused before
     found = differences(tmp_path / "undisturbed", tmp_path / "run")
     assert found == {"experiment": "0 lost, 1 more or other"}  # the one that was refused
 
@@ -203,14 +214,14 @@ def test_a_run_without_the_graph_goes_on_as_well(ldt, undisturbed, tmp_path):
     assert recorded(tmp_path / "run") < 40
     shutil.copytree(tmp_path / "run", tmp_path / "up" / "run")
     for command, bag in (("run", "run"), ("up", "up/run")):
-        finished(ldt(command, "--resume", bag, "--json"))
+        ran(tmp_path, command, "--resume", bag)
         assert differences(undisturbed, tmp_path / bag) == {}
 
 
 def test_a_fleet_s_process_goes_on_with_all_its_machines(ldt, tmp_path):
     """All nodes of two machines die at once; the third machine does not notice."""
     fleet = ("--experiments", "16", "--machines", "3", *RUN[2:])
-    finished(ldt("run", *fleet, "--bag", "undisturbed", "--json"))
+    ran(tmp_path, "run", *fleet, "--bag", "undisturbed")
     # Paced, since a run at full speed can end before the second kill.
     paced = ("--rate", "60", "--processes", "2")
     process = ldt("up", *fleet, *paced, "--bag", "run", "--json")
@@ -292,7 +303,7 @@ def test_a_recording_under_another_key_is_not_taken_up(
 
 
 def test_a_part_that_was_edited_since_the_run_began_does_not_go_on_with_it(
-    ldt, tmp_path, monkeypatch, capsys, domain
+    tmp_path, monkeypatch, capsys, domain
 ):
     """The sentence names the file; the recording stays as it is, and may be rolled back."""
     part = tmp_path / "mine.py"
@@ -300,8 +311,8 @@ def test_a_part_that_was_edited_since_the_run_began_does_not_go_on_with_it(
     monkeypatch.chdir(tmp_path)
     own = ("--detector", "mine.py:Mine")
     for command, other in (("run", "up"), ("up", "run")):
-        finished(ldt(command, "--experiments", "4", *RUN[2:], *own, "--bag", command, "--json"))
-        finished(ldt(other, "--resume", command, *own, "--json"))
+        ran(tmp_path, command, "--experiments", "4", *RUN[2:], *own, "--bag", command)
+        ran(tmp_path, other, "--resume", command, *own)
         before = {f: f.read_bytes() for f in (tmp_path / command).iterdir()}
         text = part.read_text()
         part.write_text(text + "    threshold = 3\n")
