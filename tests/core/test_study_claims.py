@@ -275,7 +275,7 @@ def one(found, name):
 @pytest.mark.parametrize("side", SIDES)
 def test_a_claim_is_judged_by_its_interval(name, side):
     """Confirmed, not confirmed or undecided, whatever the figure it stands on."""
-    claim = one(claims(CLAIMS[name](SIDES[side])), name)
+    claim = one(examined.CLAIMS, name).examined(Evidence(CLAIMS[name](SIDES[side])))
     assert claim.verdict == WORDS[side], claim.evidence
     assert claim.evidence
 
