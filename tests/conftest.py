@@ -19,6 +19,7 @@ from hypothesis import HealthCheck, settings
 from programs import Programs
 
 import msgs_config
+from ldt_core.__main__ import COLLECT_AFTER
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 MEASURED = REPOSITORY.parent / "shared" / "data"
@@ -94,6 +95,7 @@ def pytest_collection() -> Iterator[Any]:
         return (yield)
     finally:
         gc.freeze()
+        gc.set_threshold(COLLECT_AFTER)  # as in the program
         gc.enable()
 
 
