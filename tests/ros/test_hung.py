@@ -15,7 +15,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from disturbed import differences, nodes, wait_for
+from disturbed import differences, nodes, ran, wait_for
 
 from ldt_ros.graph import respawn
 from ldt_ros.nodes.detector_node import DetectorNode
@@ -72,7 +72,7 @@ def test_a_hung_node_is_killed_and_started_again(domain, programs, tmp_path):
     (tmp_path / "own.py").write_text(HANGS)
     run = (*RUN, "--detector", "own.py:Hangs")
     (tmp_path / "hung").touch()
-    assert programs.run([LDT, "run", *run, "--bag", "calm"], PATIENCE, cwd=tmp_path)[0] == 0
+    ran(tmp_path, "run", *run, "--bag", "calm")
     (tmp_path / "hung").unlink()
     process = programs.start(
         [LDT, "up", *run, "--hung-after", "6", "--rate", "40", "--bag", "run", "--json"],

@@ -13,7 +13,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from disturbed import differences
+from disturbed import differences, ran
 from stranger import experiment
 
 from ldt_core.recording.bag import read_bag
@@ -28,8 +28,7 @@ RUN = ("--experiments", "30", "--seed", "3", "--model", "physics", "--start-time
 
 def test_a_listener_that_is_stopped_holds_nobody_up(domain, programs, tmp_path):
     """It asks for everything, reliably: the same records, and nobody waited in vain."""
-    calm = [LDT, "run", *RUN, "--bag", "calm"]
-    assert programs.run(calm, PATIENCE, cwd=tmp_path)[0] == 0
+    ran(tmp_path, "run", *RUN, "--bag", "calm")
     told = subprocess.PIPE
     ear = programs.start([sys.executable, str(HERE / "stalled.py")], stdout=told, text=True)
     assert ear.stdout.readline().strip() == "there"

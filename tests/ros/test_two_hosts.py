@@ -8,11 +8,10 @@ import shutil
 import subprocess
 import sys
 import textwrap
-from pathlib import Path
 
 import pytest
 from cut_off import PROFILE, SERVED, run_cut, server
-from disturbed import differences
+from disturbed import differences, ran
 from programs import Programs
 
 from ldt_core import docs
@@ -85,18 +84,11 @@ def test_a_host_that_was_cut_off_misses_nothing(hosts, domain, programs, tmp_pat
     profile = profile.replace("<sec>1</sec></leaseAnnouncement>", often)
     assert (forgotten in profile, often in profile) == (True, True)
     values = {"experiments": 48, "seed": 3, "model": "physics", "start_time": "1.0e9"}
-    run(programs, tmp_path, values)
+    options = [w for n, v in values.items() for w in (f"--{n.replace('_', '-')}", str(v))]
+    ran(tmp_path, "run", *options, "--bag", "calm")
     paced = {**values, "rate": "'80'"}  # four experiments a second
     run_cut(hosts, programs.start, tmp_path, profile, {}, paced, (3, 1.0), (9, 9.0))
     assert differences(tmp_path / "calm", tmp_path / "rough") == {}
-
-
-def run(programs: Programs, folder: Path, values: dict[str, object]) -> None:
-    """The same undisturbed, without the graph."""
-    options = [w for n, v in values.items() for w in (f"--{n.replace('_', '-')}", str(v))]
-    code = "from ldt_core.cli import main; main()"
-    command = [sys.executable, "-c", code, "run", *options, "--bag", folder / "calm"]
-    assert programs.run(command, 10 * PATIENCE)[0] == 0
 
 
 def test_systemd_understands_the_units(tmp_path):
