@@ -21,7 +21,7 @@ LEFT_OUT = {
     **{"speed": 1, "start": 1, "streams": 1, "watch": 2},
 }
 #: Pages of commands that compute in processes, as many as there are cores. Other tests ask for two
-#: of each of them; here, beside other workers, their start would cost more than the work.
+#: of each of them; here, beside other workers, their start would cost as much as the work.
 ONE_PROCESS = ("detector", "paper")
 #: Pages that start nodes.
 ON_THE_BUS = ("connect", "promises", "start")
