@@ -168,14 +168,16 @@ class Candidate:
     def scaled(self, z: Array, scale: float) -> Array:
         """Coordinates at which the effect is so many times as strong, as far as one can tell.
 
-        By its first parameter, if that is an amount that is 0 where the effect is absent.
+        By what its first parameter adds to the machine's. A limit has no such measure: the effect
+        is absent where it is infinite.
         """
-        p = self.parameters[0]
-        if logarithmic(p) or p.default != p.low:
+        if is_limit(self.parameters[0]):
             return z
         low, high = self.bounds
-        stronger = z.copy()
-        stronger[0] = min(max(z[0] * scale, low[0]), high[0])
+        none, stronger = self.neutral(0), z.copy()
+        value = none + scale * (self.value(0, float(z[0])) - none)
+        least = self.value(0, float(low[0]))
+        stronger[0] = min(max(self.coordinate(0, max(value, least)), low[0]), high[0])
         return stronger
 
     def starts(self) -> list[Array]:

@@ -32,6 +32,7 @@ RIVALS = 6  # effects that may take the place of a member of the chosen set
 FINISHED_RIVALS = 6  # sets that differ from the chosen one in one member
 RIVAL_CLOSE = 0.7  # of the best promise: what a rival reaches
 SIZE_TRIED_ANYWAY = 3  # effects: sets up to this size are tried even where the last did not help
+AS_STRONG = (0.6, 0.8, 1.0, 1.3, 1.7)  # of a start: what lies between it and the next
 SETTLED = 3  # sets of a size whose start states are sought until they stand
 HIDDEN = 1.5  # times the power left in those looked at: what another experiment leaves
 WORTH_A_FIT = 0.1  # of the power left: what the response of such an addition promises
@@ -364,6 +365,20 @@ class EffectSetSearch(SetFits):
             found |= {frozenset(f.names): f for f in new}
         return list(found.values())[1:]
 
+    def _with_twins(self, base: EffectFit) -> list[TriedSet]:
+        """Sets with a twin in the place of a member, all else as it is: as strong as the member."""
+        tries, known = [], {c.name: c for c in self.candidates}
+        for i, member in enumerate(base.effects):
+            for name in sorted(self.twins.get(member.name, set()) - set(base.names)):
+                twin, rest = known[name], [*base.use[:i], *base.use[i + 1 :]]
+                starts = [twin.scaled(z, k) for z in twin.starts() for k in AS_STRONG]
+                left = self.scout.of_all([[(twin.effect, twin.given(z)), *rest] for z in starts])
+                nearest = starts[int(np.argmin([float(r @ r) for r in left]))]
+                members, z = list(base.effects), list(base.z[: len(base.effects)])
+                members[i], z[i] = twin, nearest
+                tries.append(TriedSet(members, z, base.starts))
+        return tries
+
     def alternatives(self, base: EffectFit) -> list[EffectFit]:
         """Sets that differ from a set in one member, the most promising, fitted on all."""
         tries = []
@@ -373,8 +388,12 @@ class EffectSetSearch(SetFits):
             tries += [self._with(rest, c, z) for c, z in tried if c.name not in base.names]
         # A law of fewer parameters, and what no recording tells from a member, whatever it costs.
         plain = self._with_plainer_laws(base)
-        tries += [t for b in (base, *plain) for t in self._in_place(b, self.twins)]
-        found = {frozenset(f.names): f for f in [*plain, *self._scout(tries)]}.values()
-        scouted = self.found.scouted.get(frozenset(base.names), base)
+        tries += [t for b in (base, *plain) for t in self._with_twins(b)]
+        self._scout(tries)
+        best, count = frozenset(base.names), len(base.effects)
+        # Whatever led to them: what promises little where the rest has gone astray may do as well.
+        near = (f for n, f in self.found.scouted.items() if len(n) == count == len(n & best) + 1)
+        scouted = self.found.scouted.get(best, base)
+        found = [*plain, *(f for f in near if f not in plain)]
         close = [f for f in found if self._near(f, scouted) or self._plainer(f, scouted)]
         return [self.finish(f) for f in sorted(close, key=lambda f: f.loss)[:FINISHED_RIVALS]]

@@ -67,6 +67,10 @@ class NominalCandidate(Candidate):
         """Whether the numbers are known well enough for that."""
         return max(p.scale or 0.0 for p in self.parameters) < WELL_KNOWN
 
+    def scaled(self, z: Array, scale: float) -> Array:
+        """The same: the machine's numbers are no effect that may be weaker."""
+        return z
+
     def at_limit(self, z: Array) -> list[str]:
         """None: how far the machine's own parameters may go is their prior's to say."""
         return []

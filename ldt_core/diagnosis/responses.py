@@ -20,8 +20,9 @@ from ldt_core.diagnosis.candidate import LIMIT_MARGIN, Candidate
 from ldt_core.diagnosis.effect_fit import EffectFit
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
 
-#: Least and largest factor by which a response may be scaled: within, it hardly changes shape.
-SHRINK, STRETCH = 0.02, 4.0
+#: Largest factor by which a response may be scaled: up to it, it hardly changes shape.
+STRETCH = 4.0
+SHRINK = 0.02  # of a response that points the wrong way: a fit that begins there may turn it
 ALIKE = 1e-3  # squared sine of the angle below which two responses are one
 OTHER_START = 0.3  # change of a response's scale factor from which it counts as another start
 
@@ -79,7 +80,7 @@ class Responses:
         """
         moved, left = self._free_of(base)
         size, target = np.einsum("ij,ij->i", moved, moved), moved @ left
-        scale = np.clip(target / np.maximum(size, 1e-9), SHRINK, STRETCH)
+        scale = strength(target, size)
         gain = 2 * scale * target - scale**2 * size
         for group in self._phases:
             gain[group], scale[group] = self._at_any_angle(moved[group], left)
@@ -119,7 +120,7 @@ class Responses:
         """
         moved, left = self._free_of(base)
         size, target = np.einsum("ij,ij->i", moved, moved), moved @ left
-        scale = np.clip(target / np.maximum(size, 1e-9), SHRINK, STRETCH)
+        scale = strength(target, size)
         order = np.argsort(scale**2 * size - 2 * scale * target)
         place = {c.name: i for i, c in enumerate(self.candidates)}
 
@@ -168,8 +169,18 @@ class Responses:
             onto = kept.T @ (part @ left[piece.rows])
             gain += float(np.sum(onto**2 / power[-2:][-kept.shape[1] :])) if onto.size else 0.0
             size += float(power.sum()) / power.size
-        scale = float(np.clip(np.sqrt(gain / max(size, 1e-9)), SHRINK, STRETCH))
-        return gain, scale
+        return gain, float(strength(np.sqrt(gain), np.sqrt(size)))
+
+
+def strength(target: Array | float, size: Array | float = 1.0) -> Array:
+    """How many times as strong each response explains most; however small, if it points right.
+
+    Args:
+        target: inner products of responses with a residual.
+        size: those with themselves.
+    """
+    wanted = np.minimum(target / np.maximum(size, 1e-9), STRETCH)
+    return np.asarray(np.where(wanted > 0, wanted, SHRINK))
 
 
 def simulate_all(
@@ -244,7 +255,7 @@ def best_alone(d: Responses, i: int) -> list[Array]:
         return []
     size, target = np.diag(d.gram)[own], d.target[own]
     exact = size - 2 * target
-    scale = np.clip(target / size, SHRINK, STRETCH)
+    scale = strength(target, size)
     scaled = scale**2 * size - 2 * scale * target
     first, c = int(np.argmin(exact)), d.candidates[i]
     found = [d.z[own[first]]]
@@ -264,8 +275,7 @@ def rank_pairs(d: Responses) -> dict[tuple[int, int], tuple[float, int, int]]:
     determinant[determinant < 1e-9 * size[:, None] * size] = np.inf
     first = (target[:, None] * size - d.gram * target) / determinant
     second = first.T
-    a = np.clip(first, SHRINK, STRETCH)
-    b = np.clip(second, SHRINK, STRETCH)
+    a, b = strength(first), strength(second)
     gain = 2 * (a * target[:, None] + b * target) - (
         a**2 * size[:, None] + b**2 * size + 2 * a * b * d.gram
     )

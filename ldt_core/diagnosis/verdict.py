@@ -290,15 +290,17 @@ def _worth_more(
     if larger.ended and not gain > THRESHOLDS.further_effect_of_gap * gap:
         return False  # what mends so little and has no size is no cause
     limit = band.speed_limit(THRESHOLDS.remainder_false_alarm)
+    plainly = THRESHOLDS.plainly_structured * limit
     # Of what laws that depart may leave, a little is left over: it has no name, down to the noise.
     rest = max(band.speed_excess(smaller.residual), 0.0)
     departs = left < (1 - THRESHOLDS.further_effect_of_remainder) * rest
     whole = found.left(larger) <= limit and not departs
-    # One effect that leaves next to nothing of it has not mended a law; two may mend any.
+    # What departures plainly cannot explain, and one effect nearly does, is that effect's. So is
+    # what one exact law nearly explains, though departures could; two may mend any law.
     one = len(larger.effects) == len(smaller.effects) + 1
-    if one and exact > THRESHOLDS.nearly_all_of_remainder * rest:
-        whole |= gain > THRESHOLDS.relative * left
-    if not gain > THRESHOLDS.least_gap * band.samples:
+    if left > plainly or exact > THRESHOLDS.nearly_all_of_remainder * rest:
+        whole |= one and gain > THRESHOLDS.relative * left
+    if not exact > THRESHOLDS.least_gap * band.samples:
         return False  # what matters to no prediction
     if earned(smaller.effects, larger.effects, gain, left, gap, whole):
         return True
@@ -312,7 +314,7 @@ def _worth_more(
         return False
     # What is plainly there the further effect may then explain however small it is, though laws
     # that depart could as well: what leaves noise alone says more than what may be anything.
-    whole = rest > THRESHOLDS.plainly_structured * limit
+    whole = rest > plainly
     return earned(smaller.effects, larger.effects, exact, rest, gap, whole)
 
 

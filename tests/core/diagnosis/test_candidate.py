@@ -12,6 +12,7 @@ from recorded_machines import MOTOR, ROTOR, candidates
 
 from ldt_core.diagnosis.candidate import MOST_STARTS
 from ldt_core.effects import EFFECTS
+from ldt_core.physics.machine_sizes import is_limit
 from ldt_core.physics.parameter import logarithmic
 
 NAMES = EFFECTS.names()
@@ -129,3 +130,18 @@ def test_a_fit_that_ends_where_the_search_does_is_told_from_one_at_the_end_of_ph
     c = candidate(name)
     assert c.at_limit(c.starts()[0]) == []
     assert c.at_limit(np.array([c.bounds[end][0]])) == told
+
+
+@pytest.mark.parametrize("name", EFFECTS.names())
+def test_half_as_strong_is_half_way_to_no_effect(name):
+    """By what its first parameter adds to the machine's; a limit has no such measure."""
+    c = candidate(name)
+    z = c.starts()[-1]
+    half = c.scaled(z, 0.5)
+    first = c.parameters[0]
+    if is_limit(first):
+        assert half.tolist() == z.tolist()
+        return
+    whole, part, none = c.given(z)[first.name], c.given(half)[first.name], c.neutral(0)
+    assert part - none == pytest.approx(0.5 * (whole - none))
+    assert half[1:].tolist() == z[1:].tolist()

@@ -73,3 +73,22 @@ def test_a_further_effect_is_fitted_where_one_can_explain_what_is_left():
     effects = "coulomb_friction:torque=0.2", "viscous_friction:b=0.0005"
     measured = record(MOTOR, *effects, count=4, samples=600, noise=0.02)
     assert 2 in sizes_tried(measured)
+
+
+@pytest.mark.parametrize(
+    ("name", "parameter", "neutral", "size"),
+    [
+        ("sensor_gain", "factor", 1.0, 0.001),
+        ("inertia", "factor", 1.0, -0.002),
+        ("coulomb_friction", "torque", 0.0, 0.0002),
+    ],
+)
+def test_an_effect_is_promised_at_its_own_size_however_small(name, parameter, neutral, size):
+    """A search's starts are hundreds of times as strong; a good sensor shows far less."""
+    noise, value = 1e-4, neutral + size
+    measured = record(MOTOR, f"{name}:{parameter}={value}", noise=noise)
+    search = EffectSetSearch(FreeRunResiduals(MOTOR, measured), candidates(MOTOR, TRIED))
+    promised = search.responses.promised_beside(search.found.scouted[frozenset()])
+    effect, z, gain = next(p for p in promised if p[0].name == name)
+    assert gain > 0
+    assert effect.given(z)[parameter] - neutral == pytest.approx(size, rel=0.3)

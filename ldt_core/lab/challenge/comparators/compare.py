@@ -24,7 +24,7 @@ from ldt_core.diagnosis.channel_noise import channel_noise
 from ldt_core.diagnosis.effect_fit import EffectFit, fit
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
 from ldt_core.diagnosis.holdout import closed, free_run, split_at_random
-from ldt_core.diagnosis.responses import SHRINK, STRETCH, best_alone, rank_pairs, simulate_all
+from ldt_core.diagnosis.responses import best_alone, rank_pairs, simulate_all, strength
 from ldt_core.machine.machine_file import Machine
 from ldt_core.physics.effect import Effect
 from ldt_core.physics.machine_sizes import most_of
@@ -83,7 +83,7 @@ class EffectFits:
         """
         d, left = self.responses, self._few.of(base.use)
         size, target = np.diag(d.gram), d.responses @ left
-        scale = np.clip(target / np.maximum(size, 1e-9), SHRINK, STRETCH)
+        scale = strength(target, size)
         best: dict[int, int] = {}
         for k in np.argsort(-(2 * scale * target - scale**2 * size)):
             owner = int(d.owner[k])
