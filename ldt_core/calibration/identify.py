@@ -154,7 +154,7 @@ def identify_machine(
         raise OptionError("--order", "1 or 2, or 0 to choose", repr(order))
     if limits is not None and not (-math.inf < limits[0] < limits[1] < math.inf):
         raise OptionError("--limits", "LOWEST,HIGHEST in V", f"{limits[0]:g},{limits[1]:g}")
-    kept, held_out = split_evenly(experiments, holdout)
+    kept, held_out, beside = split_evenly(experiments, holdout)
     tick("identifying a linear model")
     try:
         linear = identify(kept)
@@ -175,7 +175,8 @@ def identify_machine(
             errors[part] = free_run_error(machine, some)
             linear_errors[part] = _linear_error(linear, some)
             numbers[part] = [e.number for e in some]
-    notes = _notes(form, linear, kept) + ([limits_note(machine)] if limits is None else [])
+    notes = beside + _notes(form, linear, kept)
+    notes += [limits_note(machine)] if limits is None else []
     changed = ""
     if sensor_noise(form, kept) < form.noise_std:
         changed = _differing(form, linear, kept)

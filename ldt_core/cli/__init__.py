@@ -18,7 +18,7 @@ from ldt_core.base import first_compilation
 from ldt_core.base.errors import LdtError, reason_of
 from ldt_core.base.own_process import kept_alive
 from ldt_core.base.registry import entry_points
-from ldt_core.base.stopping import EXIT_CODE, Interrupted
+from ldt_core.base.stopping import EXIT_CODE, Interrupted, interrupted_by_signals
 from ldt_core.cli.completion import VARIABLE, register
 from ldt_core.cli.spelling import SuggestingGroup, missing, unknown_option, unusable
 from ldt_core.cli.terminal import echo, results_alone
@@ -96,6 +96,7 @@ def ldt() -> None:
 def main(arguments: list[str] | None = None) -> None:
     """Run a command; exit 0: done, 2: bad input, 1: the work itself failed, 130: interrupted."""
     first_compilation.listener = _compiling
+    interrupted_by_signals()
     sys.exit(invoke(ldt, arguments))
 
 

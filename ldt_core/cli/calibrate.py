@@ -108,7 +108,7 @@ def command(
         ).with_recordings(recordings)
     write_machine_file(found, out, force)
     if figure:
-        kept, held_out = split_evenly(experiments, holdout)
+        kept, held_out, _ = split_evenly(experiments, holdout)
         draw_calibration(found, held_out or kept, figure)
     if as_json:
         record = {"machine": machine.name, "out": out, **found.as_dict()}

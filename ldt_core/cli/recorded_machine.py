@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Iterable
 
 import click
@@ -10,6 +9,7 @@ from click.core import ParameterSource
 
 import msgs_config
 from ldt_core.base.errors import BadInput, LdtError
+from ldt_core.base.printable import as_argument
 from ldt_core.cli.terminal import warn
 
 
@@ -42,7 +42,7 @@ def machine_of(machine: str, recordings: Iterable[str], namespace: str) -> str:
         elif there:
             raise BadInput("--machine", f"the file of {_of(there, recording)}", "none")
         elif there is not None:
-            made = f"ldt identify {shlex.quote(recording)} --out FILE.yaml makes one"
+            made = f"ldt identify {as_argument(recording)} --out FILE.yaml makes one"
             told = f"a machine file, since {recording} does not say of which machine it is ({made})"
             raise BadInput("--machine", told, "none")
     if not any(named.values()):

@@ -16,6 +16,7 @@ from ldt_core.base.arrays import Array
 from ldt_core.base.bounded_file import read_bounded
 from ldt_core.base.errors import BadInput, ExperimentError, OptionError, described, did_you_mean
 from ldt_core.base.experiment import Experiment
+from ldt_core.diagnosis.hand_edits import refuse_hand_edits
 from ldt_core.effects import EFFECTS, get_effect
 from ldt_core.machine.machine_file import Machine
 from ldt_core.physics.effect import Effect
@@ -366,6 +367,7 @@ def read_diagnosis(file: str | Path, machine: Machine | None = None) -> Mapping[
 def acting_entries(where: str, found: Mapping[str, Any]) -> Any:
     """Each acting effect, unchecked; from the candidates if there is no `effects`."""
     if found.get("effects") is not None:
+        refuse_hand_edits(where, found)
         return found["effects"]
     with _refused(where):
         names = list(found["verdict"]["effects"])

@@ -314,7 +314,7 @@ class MotorDriven(Physics):
 
 def _writable(numbers: Array) -> Array:
     """A record's arrays are read-only: kernels would be compiled once more for them."""
-    return np.require(numbers, np.float64, ["C", "W"])
+    return numbers if numbers.flags.writeable else numbers.copy()
 
 
 @functools.lru_cache(maxsize=DISCRETISATIONS_REMEMBERED)
