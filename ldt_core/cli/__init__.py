@@ -20,7 +20,7 @@ from ldt_core.base.own_process import kept_alive
 from ldt_core.base.registry import entry_points
 from ldt_core.base.stopping import EXIT_CODE, Interrupted, interrupted_by_signals
 from ldt_core.cli.completion import VARIABLE, register
-from ldt_core.cli.spelling import SuggestingGroup, missing, unknown_option, unusable
+from ldt_core.cli.spelling import SuggestingGroup, missing, nameless, unknown_option, unusable
 from ldt_core.cli.terminal import echo, results_alone
 
 GROUP = "ldt.command"
@@ -112,6 +112,8 @@ def invoke(command: click.Command, arguments: list[str] | None = None) -> int:
     if VARIABLE in os.environ:  # a shell asks what can follow
         register()
     given = sys.argv[1:] if arguments is None else arguments
+    if option := nameless(given):
+        return _say(f"{option}: expected a name, got an empty one", 2)
     try:
         with results_alone("--json" in given), kept_alive():
             result = command.main(arguments, prog_name=_name(command), standalone_mode=False)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from pathlib import Path
 
 import click
 from click.core import ParameterSource
@@ -31,6 +32,8 @@ def machine_of(machine: str, recordings: Iterable[str], namespace: str) -> str:
             does not say its machine or one that does not ship with LDT.
     """
     for recording in recordings:
+        if Path(recording).name == "metadata.yaml":
+            raise BadInput(recording, f"the recording's folder, {Path(recording).parent}", "a file")
         if recording.endswith((".yaml", ".yml")):
             told = f"a recording; a machine file follows --machine, as in: --machine {recording}"
             raise BadInput(recording, told, "a machine file")

@@ -198,7 +198,7 @@ class MotorDriven(Physics):
         begin = tuple(plan.first[: RIGID_STATES if plan.rigid else STATES].tolist())
         used = gather(terms, plan.values, plan.watched, plan.quiet) if terms else None
         k, own = plan.coefficients, plan.first[STATES:]
-        if plan.fast:
+        if plan.fast and steps.size:  # of one sample there is nothing to solve
             failed, rounds = _collocated(
                 *(edges, volts, steps, samples, begin, own, k, states, tracked, used),
                 *(plan.values, most, BEND_IN_SEARCH if least_step > 0 else BEND, plan.finest),
