@@ -6,27 +6,40 @@ from collections.abc import Sequence
 
 from ldt_core.base.experiment import Experiment
 
-#: Experiments that a fit and its held-out check work on, and samples of these, at most: they bound
+#: Experiments that a fit and its held-out check work on, and samples of these, about: they bound
 #: time and memory.
 MOST_EXPERIMENTS = 2_000
 MOST_SAMPLES = 2_000_000
 #: Experiments that are left whatever their length: ten of them are held out.
 LEAST_EXPERIMENTS = 40
+#: Samples of each that so many may have.
+LONGEST = MOST_SAMPLES // LEAST_EXPERIMENTS
 
 
 def evenly_spread(experiments: Sequence[Experiment]) -> tuple[list[Experiment], str]:
     """(experiments to work on, a note or "" if that is all of them).
 
     Every so many-th, so that what changes in the course of the recording is in them, as in what is
-    then held out of them.
+    then held out of them. Of those that are too long even so, evenly spread stretches.
     """
     count, samples = len(experiments), sum(len(e) for e in experiments)
-    bearable = int(MOST_SAMPLES * count / max(samples, 1))
-    kept = min(MOST_EXPERIMENTS, max(LEAST_EXPERIMENTS, bearable))
-    if count <= kept:
+    if count <= MOST_EXPERIMENTS and samples <= MOST_SAMPLES:
         return list(experiments), ""
+    bearable = max(LEAST_EXPERIMENTS, MOST_SAMPLES * count // samples)
+    kept = min(count, MOST_EXPERIMENTS, bearable)
     chosen = [experiments[int((i + 0.5) * count / kept)] for i in range(kept)]
-    return chosen, (
-        f"of {count} experiments {kept} were used, evenly spread: what shows in the others alone "
-        "was not seen"
+    each = max(1, LEAST_EXPERIMENTS // kept)
+    parts = [part for i, e in enumerate(chosen) for part in _stretches(e, each, (i + 0.5) / kept)]
+    used = sum(len(e) for e in parts)
+    return parts, (
+        f"of {count} experiments of {samples} samples {kept} were used, of them {used} samples, "
+        "evenly spread: what shows in the others alone was not seen"
     )
+
+
+def _stretches(e: Experiment, count: int, place: float) -> list[Experiment]:
+    """So many of `LONGEST` samples, each at this place (0 to 1) of its share of the experiment."""
+    if len(e) <= count * LONGEST:
+        return [e]
+    begins = [int((k + place) / count * (len(e) - LONGEST)) for k in range(count)]
+    return [e.part(begin, begin + LONGEST) for begin in begins]
