@@ -23,6 +23,7 @@ from typing import Any
 from ldt_core.base.errors import LdtError, OptionError
 from ldt_core.base.experiment import Experiment
 from ldt_core.base.metrics import FreeRunError
+from ldt_core.base.printable import printable
 from ldt_core.base.threads import one_thread
 from ldt_core.calibration.calibration import (
     MOST_NOISE_RATIO,
@@ -88,7 +89,7 @@ class EquivalentMotor:
         """The machine file's key `calibration`, in JSON types."""
         form = self.form
         record: dict[str, Any] = {
-            "recordings": list(self.recordings),
+            "recordings": [printable(name) for name in self.recordings],
             "equivalent": True,
             "gain": rounded(form.gain),
             "time_constants": [rounded(t) for t in form.time_constants],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import signal
@@ -14,7 +15,9 @@ import pytest
 
 from ldt_core.base.errors import BadInput, OptionError
 from ldt_core.base.experiment import Experiment
+from ldt_core.base.metrics import FreeRunError
 from ldt_core.base.stopping import interrupted_by_signals
+from ldt_core.calibration.calibration import Calibration
 from ldt_core.cli import invoke, ldt, main
 from ldt_core.cli.outputs import no_empty_folder
 from ldt_core.cli.recorded_machine import machine_of
@@ -22,6 +25,7 @@ from ldt_core.diagnosis.diagnosis import read_effects
 from ldt_core.diagnosis.library import library
 from ldt_core.estimation.grey_box_problem import GreyBoxProblem
 from ldt_core.machine.machine_file import load_machine
+from ldt_core.recording.writer import BagWriter
 
 OWN = """
 from ldt_core.physics.effect import Effect
@@ -143,6 +147,36 @@ def test_every_command_heeds_it():
     finally:
         for number, handler in kept.items():
             signal.signal(number, handler)
+
+
+def test_several_recordings_that_all_fail_leave_no_empty_folder(tmp_path, capsys):
+    """With --each it is a table, and no exception."""
+    with BagWriter(tmp_path / "short", machine="dc_motor") as writer:
+        writer.write("experiment", Experiment(1, 0.0, 0.01, np.ones(9), np.arange(9.0)), 0.1)
+    line = f"diagnose {tmp_path}/short --machine dc_motor --each --out {tmp_path}/why"
+    assert invoke(ldt, line.split()) == 2
+    assert "at least 200 samples" in capsys.readouterr().err
+    assert not (tmp_path / "why").exists()
+
+
+def test_a_name_that_is_no_utf_8_is_kept_by_its_code():
+    """A traceback of YAML's, when all was calculated."""
+    blank = FreeRunError()
+    blank.add(np.zeros(3))
+    motor, errors, numbers = load_machine("dc_motor"), {"fit": (blank, blank)}, {"fit": [1]}
+    bare = Calibration(motor, motor, (), {}, [], {"speed": 0.1}, "none", errors, numbers, ())
+    found = bare.with_recordings([os.fsdecode(b"x\xff")])
+    assert found.as_dict()["recordings"] == ["x\\udcff"]
+
+
+def test_a_terminal_without_a_letter_gets_its_code(monkeypatch, tmp_path):
+    """`ldt info` of a recording with a name in Chinese ended in a traceback on latin-1."""
+    stream = io.TextIOWrapper(io.BytesIO(), encoding="latin-1", write_through=True)
+    monkeypatch.setattr("sys.stdout", stream)
+    with BagWriter(tmp_path / "试验", machine="dc_motor") as writer:
+        writer.write("experiment", Experiment(1, 0.0, 0.01, np.ones(9), np.arange(9.0)), 0.1)
+    assert invoke(ldt, ["info", str(tmp_path / "试验")]) == 0
+    assert b"\\u8bd5" in stream.buffer.getvalue()
 
 
 def own(folder: Path, name: str, returned: str = "-p[0]") -> str:
