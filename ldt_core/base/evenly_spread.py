@@ -7,7 +7,9 @@ from collections.abc import Sequence
 from ldt_core.base.experiment import Experiment
 
 #: Experiments that a fit and its held-out check work on, and samples of these, about: they bound
-#: time and memory.
+#: time and memory. Of 20,000 experiments of 1 s of a motor with dry friction, 500, 1000, 2000 and
+#: all give one verdict; amounts differ by 0.01 %, and their interval is 4 %, by how inexact laws
+#: are. With 250, one of three effects that are not told apart was left out.
 MOST_EXPERIMENTS = 2_000
 MOST_SAMPLES = 2_000_000
 #: Experiments that are left whatever their length: ten of them are held out.

@@ -104,9 +104,11 @@ class MotorDriven(Physics):
         least_step: float = 0.0,
     ) -> Array:
         """Exact (matrix exponential) where everything is linear, else by Runge-Kutta steps."""
+        run = self.begun(FreeRun(values, voltage, period, initial, effects, tracked))
+        if run.exact:  # most of a calibration's runs, of short experiments
+            return self.alone(run, period, max_step, least_step)
         from ldt_core.physics.side_by_side import SideBySide  # see `integrate`
 
-        run = self.begun(FreeRun(values, voltage, period, initial, effects, tracked))
         states = SideBySide(self, max_step, least_step).exponential(run)
         return self.alone(run, period, max_step, least_step) if states is None else states
 
