@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from ldt_core.base.experiment import Experiment
 
 #: Experiments that a fit and its held-out check work on, and samples of these, about: they bound
@@ -31,7 +33,8 @@ def evenly_spread(experiments: Sequence[Experiment]) -> tuple[list[Experiment], 
     kept = min(count, MOST_EXPERIMENTS, bearable)
     chosen = [experiments[int((i + 0.5) * count / kept)] for i in range(kept)]
     each = max(1, LEAST_EXPERIMENTS // kept)
-    parts = [part for i, e in enumerate(chosen) for part in _stretches(e, each, (i + 0.5) / kept)]
+    places = np.linspace(0.0, 1.0, kept)
+    parts = [s for e, at in zip(chosen, places, strict=True) for s in _stretches(e, each, at)]
     used = sum(len(e) for e in parts)
     return parts, (
         f"of {count} experiments of {samples} samples {kept} were used, of them {used} samples, "
@@ -40,8 +43,12 @@ def evenly_spread(experiments: Sequence[Experiment]) -> tuple[list[Experiment], 
 
 
 def _stretches(e: Experiment, count: int, place: float) -> list[Experiment]:
-    """So many of `LONGEST` samples, each at this place (0 to 1) of its share of the experiment."""
+    """So many of `LONGEST` samples, from begin to end; of one alone, at this place (0 to 1).
+
+    The first begins with the experiment, at rest for one: that tells a sensor's offset.
+    """
     if len(e) <= count * LONGEST:
         return [e]
-    begins = [int((k + place) / count * (len(e) - LONGEST)) for k in range(count)]
+    places = np.linspace(0.0, 1.0, count) if count > 1 else [place]
+    begins = [int(at * (len(e) - LONGEST)) for at in places]
     return [e.part(begin, begin + LONGEST) for begin in begins]
