@@ -7,6 +7,7 @@ it is sent.
 from __future__ import annotations
 
 import re
+import shlex
 
 LONGEST_NAME = 40  # characters: of four bytes each, with what else stands there, 255 are allowed
 #: Control characters but line feed and tab, marks and overrides of the writing's direction, line
@@ -32,6 +33,15 @@ def one_line(text: str) -> str:
     'rotor ok no damage'
     """
     return printable(" ".join(text.split()))
+
+
+def as_argument(path: str) -> str:
+    """A path as it stands in a command that is told: in quotes if need be, and never an option.
+
+    >>> as_argument("my run"), as_argument("-x")
+    ("'my run'", './-x')
+    """
+    return shlex.quote(f"./{path}" if path.startswith("-") else path)
 
 
 def file_name(name: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import threading
 from collections.abc import Iterable, Iterator
@@ -70,6 +71,25 @@ class Stop(threading.Event):
 
 class _Late(KeyboardInterrupt):
     """Of an item that is not worth waiting for any longer."""
+
+
+def interrupted_by_signals() -> None:
+    """Have SIGTERM and SIGHUP interrupt this process as Ctrl-C does, from now on.
+
+    What is under way then cleans up behind itself: no empty folder stays. A signal that the caller
+    has ignored, as `nohup` does, stays ignored; a copy of the process ends as it would have.
+    """
+    owner = os.getpid()
+
+    def interrupt(number: int, _frame: FrameType | None) -> None:
+        if os.getpid() == owner:
+            raise KeyboardInterrupt
+        signal.signal(number, signal.SIG_DFL)
+        os.kill(os.getpid(), number)
+
+    for number in SIGNALS[1:]:
+        if signal.getsignal(number) == signal.SIG_DFL:
+            signal.signal(number, interrupt)
 
 
 @contextmanager

@@ -108,11 +108,11 @@ def calibrate(
     if words := wrong_current(machine, experiments):
         expected = "the motor's (check its unit and sign, and R in the machine file)"
         raise ExperimentError("the recording, current", expected, words)
-    kept, held_out = split_evenly(experiments, holdout)
+    kept, held_out, part = split_evenly(experiments, holdout)
     with threadpool_limits(1):  # sums in one order: the same numbers on every run
         taken = [own_name(e.name, p.name) for e, _ in acting for p in e.parameters]
         work = _Work(before, machine, kept, list(free), list(fixed), taken, tick)
-        return work.result(held_out)
+        return work.result(held_out, part)
 
 
 def check_names(machine: Machine, free: Sequence[str], fixed: Sequence[str]) -> None:
@@ -185,7 +185,7 @@ class _Work:
     def tick(self) -> None:
         self._tick(self._doing)
 
-    def result(self, held_out: list[Experiment]) -> Calibration:
+    def result(self, held_out: list[Experiment], beside: list[str]) -> Calibration:
         state = self._fitted()
         self._doing = "looking for what the physics lacks"
         beforehand = state.prior.rows if state.prior else None
@@ -239,7 +239,7 @@ class _Work:
             experiments=numbers,
             notes=(),
         )
-        told = notes(calibration, state.seen, state.runs.white, GAIN_RATIO)
+        told = beside + notes(calibration, state.seen, state.runs.white, GAIN_RATIO)
         told += bound_notes(state.coordinates, state.z)
         told += excitation_notes(self.experiments)
         if not state.converged:

@@ -14,6 +14,7 @@ from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment, rms
 from ldt_core.base.metrics import FreeRunError
+from ldt_core.base.printable import printable
 from ldt_core.base.sentences import listed, spoken
 from ldt_core.calibration.coordinates import SEARCH_FACTOR, Coordinates
 from ldt_core.calibration.identifiability import Identifiability
@@ -138,7 +139,7 @@ class Calibration:
         """The machine file's key `calibration`, in JSON types."""
         before, after = self.errors["fit"]
         record: dict[str, Any] = {
-            "recordings": list(self.recordings),
+            "recordings": [printable(name) for name in self.recordings],
             "free": {
                 e.name: {
                     "value": e.value,

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 
 from ldt_core.base.errors import OptionError
+from ldt_core.base.evenly_spread import evenly_spread
 from ldt_core.base.experiment import Experiment
 from ldt_core.base.settings import HOLDOUT
 
@@ -14,8 +15,12 @@ LEAST_TO_HOLD_OUT = 4  # experiments; fewer are all needed for the fit
 
 def split_evenly(
     experiments: Sequence[Experiment], holdout: float | None
-) -> tuple[list[Experiment], list[Experiment]]:
-    """Experiments to fit, and those held out: every so many-th, so that both cover all."""
+) -> tuple[list[Experiment], list[Experiment], list[str]]:
+    """Experiments to fit, and those held out: every so many-th, so that both cover all.
+
+    With them a note where they are not all of the experiments, see `evenly_spread`.
+    """
+    experiments, part = evenly_spread(experiments)
     count = len(experiments)
     if not count:
         raise OptionError("calibration", "one experiment or more", "none")
@@ -30,4 +35,5 @@ def split_evenly(
     return (
         [e for i, e in enumerate(experiments) if i not in chosen],
         [e for i, e in enumerate(experiments) if i in chosen],
+        [f"{part[0].upper()}{part[1:]}."] if part else [],
     )

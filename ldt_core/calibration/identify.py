@@ -23,6 +23,7 @@ from typing import Any
 from ldt_core.base.errors import LdtError, OptionError
 from ldt_core.base.experiment import Experiment
 from ldt_core.base.metrics import FreeRunError
+from ldt_core.base.printable import printable
 from ldt_core.base.threads import one_thread
 from ldt_core.calibration.calibration import (
     MOST_NOISE_RATIO,
@@ -88,7 +89,7 @@ class EquivalentMotor:
         """The machine file's key `calibration`, in JSON types."""
         form = self.form
         record: dict[str, Any] = {
-            "recordings": list(self.recordings),
+            "recordings": [printable(name) for name in self.recordings],
             "equivalent": True,
             "gain": rounded(form.gain),
             "time_constants": [rounded(t) for t in form.time_constants],
@@ -154,7 +155,7 @@ def identify_machine(
         raise OptionError("--order", "1 or 2, or 0 to choose", repr(order))
     if limits is not None and not (-math.inf < limits[0] < limits[1] < math.inf):
         raise OptionError("--limits", "LOWEST,HIGHEST in V", f"{limits[0]:g},{limits[1]:g}")
-    kept, held_out = split_evenly(experiments, holdout)
+    kept, held_out, beside = split_evenly(experiments, holdout)
     tick("identifying a linear model")
     try:
         linear = identify(kept)
@@ -175,7 +176,8 @@ def identify_machine(
             errors[part] = free_run_error(machine, some)
             linear_errors[part] = _linear_error(linear, some)
             numbers[part] = [e.number for e in some]
-    notes = _notes(form, linear, kept) + ([limits_note(machine)] if limits is None else [])
+    notes = beside + _notes(form, linear, kept)
+    notes += [limits_note(machine)] if limits is None else []
     changed = ""
     if sensor_noise(form, kept) < form.noise_std:
         changed = _differing(form, linear, kept)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import io
 import os
 import shlex
 import sys
@@ -18,9 +19,9 @@ from ldt_core.base import first_compilation
 from ldt_core.base.errors import LdtError, reason_of
 from ldt_core.base.own_process import kept_alive
 from ldt_core.base.registry import entry_points
-from ldt_core.base.stopping import EXIT_CODE, Interrupted
+from ldt_core.base.stopping import EXIT_CODE, Interrupted, interrupted_by_signals
 from ldt_core.cli.completion import VARIABLE, register
-from ldt_core.cli.spelling import SuggestingGroup, missing, unknown_option, unusable
+from ldt_core.cli.spelling import SuggestingGroup, missing, nameless, unknown_option, unusable
 from ldt_core.cli.terminal import echo, results_alone
 
 GROUP = "ldt.command"
@@ -96,6 +97,7 @@ def ldt() -> None:
 def main(arguments: list[str] | None = None) -> None:
     """Run a command; exit 0: done, 2: bad input, 1: the work itself failed, 130: interrupted."""
     first_compilation.listener = _compiling
+    interrupted_by_signals()
     sys.exit(invoke(ldt, arguments))
 
 
@@ -111,6 +113,8 @@ def invoke(command: click.Command, arguments: list[str] | None = None) -> int:
     if VARIABLE in os.environ:  # a shell asks what can follow
         register()
     given = sys.argv[1:] if arguments is None else arguments
+    if option := nameless(given):
+        return _say(f"{option}: expected a name, got an empty one", 2)
     try:
         with results_alone("--json" in given), kept_alive():
             result = command.main(arguments, prog_name=_name(command), standalone_mode=False)
@@ -191,6 +195,8 @@ def _open_streams() -> None:
         if getattr(sys, name) is None:
             stream = open(os.devnull, "r+" if number == 0 else "w", encoding="utf-8")  # noqa: SIM115
             setattr(sys, name, stream)
+    if isinstance(sys.stdout, io.TextIOWrapper) and sys.stdout.errors == "strict":
+        sys.stdout.reconfigure(errors="backslashreplace")  # a name that its encoding does not have
 
 
 def _too_short(reason: str) -> str:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 from rich.table import Table
 
+from ldt_core.base.errors import OptionError
 from ldt_core.base.printable import one_line
 from ldt_core.base.sentences import counted
 from ldt_core.cli.console import Console
@@ -27,8 +28,11 @@ if TYPE_CHECKING:
     from ldt_core.calibration import Calibration
 
 
-def _names(_context: click.Context, _option: click.Parameter, text: str | None) -> list[str]:
-    return [name.strip() for name in (text or "").split(",") if name.strip()]
+def _names(_context: click.Context, option: click.Parameter, text: str | None) -> list[str]:
+    names = [name.strip() for name in (text or "").split(",") if name.strip()]
+    if text is not None and not names:
+        raise OptionError(option.opts[0], "names of parameters, as in J,K_t", repr(text))
+    return names
 
 
 @click.command("calibrate", short_help="Fit a machine file; says what the data cannot determine.")
@@ -108,7 +112,7 @@ def command(
         ).with_recordings(recordings)
     write_machine_file(found, out, force)
     if figure:
-        kept, held_out = split_evenly(experiments, holdout)
+        kept, held_out, _ = split_evenly(experiments, holdout)
         draw_calibration(found, held_out or kept, figure)
     if as_json:
         record = {"machine": machine.name, "out": out, **found.as_dict()}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,7 +10,7 @@ import click
 from click.core import ParameterSource
 
 from ldt_core.base.errors import LdtError, OptionError
-from ldt_core.base.printable import one_line
+from ldt_core.base.printable import as_argument, one_line
 from ldt_core.cli.options import (
     json_option,
     judged_option,
@@ -109,13 +108,13 @@ def command(
     if name is None:  # a diagnosis refuses a file of another machine than the recorded one
         name = recorded_machine(recordings[0], namespace) or Path(out).stem
     experiments = read_recordings(recordings, namespace)
-    bags = " ".join(map(shlex.quote, recordings))
+    bags = " ".join(map(as_argument, recordings))
     if effects is not None:
         _refuse_idle("--order", "--offset", "--holdout")
         names = [n.strip() for n in effects.split(",")]
         _with_effects(experiments, names, name, limits, out, as_json)
         if not as_json:
-            _next(f"ldt calibrate {bags} --machine {shlex.quote(out)} --out FILE.yaml")
+            _next(f"ldt calibrate {bags} --machine {as_argument(out)} --out FILE.yaml")
         return
     try:
         with status() as tick:
@@ -141,11 +140,11 @@ def command(
     else:
         _print(found, out, bags)
         if found.changed:
-            play = f"ldt run --play {shlex.quote(recordings[0])} --machine {shlex.quote(out)}"
+            play = f"ldt run --play {as_argument(recordings[0])} --machine {as_argument(out)}"
             _next(f"{play} --diagnose --out played", ", find what changed, and when")
             return
         _next(
-            f"ldt diagnose {bags} --machine {shlex.quote(out)} --out why", ", what the motor lacks"
+            f"ldt diagnose {bags} --machine {as_argument(out)} --out why", ", what the motor lacks"
         )
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ldt_core.base.errors import OptionError, RecordingError
-from ldt_core.base.printable import one_line
+from ldt_core.base.printable import as_argument, one_line
 from ldt_core.base.sentences import counted
 from ldt_core.cli.options import declared_option, json_option, out_option
 from ldt_core.cli.outputs import force_option, replacing
@@ -121,9 +121,9 @@ def command(
         *([cut_it] if alone else []),
         f"{counted(len(imported.experiments), 'experiment')} of {samples} samples at "
         f"{1 / first.period:.6g} Hz: {out}",
-        one_line(f"Next, a machine file: ldt identify {shlex.quote(out)} --out FILE.yaml"),
+        one_line(f"Next, a machine file: ldt identify {as_argument(out)} --out FILE.yaml"),
         one_line(
-            f"Then what it lacks: ldt diagnose {shlex.quote(out)} --machine FILE.yaml --out why"
+            f"Then what it lacks: ldt diagnose {as_argument(out)} --machine FILE.yaml --out why"
         ),
     )
 
@@ -134,7 +134,7 @@ def _fields_missing(file: str, names: Sequence[str]) -> OptionError:
 
     where = " and ".join(f"--{name}" for name in names)
     if is_bag(Path(file)):
-        return OptionError(where, f"its topic and field; ldt info {shlex.quote(file)}", "none")
+        return OptionError(where, f"its topic and field; ldt info {as_argument(file)}", "none")
     columns, proposed = proposed_import(file)
     return OptionError(where, f"one of the columns {columns}, as in: {proposed}", "none")
 
@@ -172,7 +172,7 @@ def proposed_import(file: str) -> tuple[str, str]:
         numbered = " (some have no name: delete the lines above the row of names)"
     return (
         ", ".join(columns) + more + numbered,
-        f"ldt import {shlex.quote(file)} {options} --length 10 --out imported",
+        f"ldt import {as_argument(file)} {options} --length 10 --out imported",
     )
 
 

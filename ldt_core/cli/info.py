@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ldt_core.base.errors import RecordingError
-from ldt_core.base.printable import one_line, printable
+from ldt_core.base.printable import as_argument, one_line, printable
 from ldt_core.base.sentences import counted, numbered, plain, ranges
 from ldt_core.cli.import_file import proposed_import
 from ldt_core.cli.options import json_option, namespace_option
@@ -53,7 +53,7 @@ def command(recording: str, namespace: str, as_json: bool) -> None:
             as_json,
             {"recording": recording, "recordings": folders},
             f"{recording}: {found}",
-            *(f"ldt info {one_line(folder)}" for folder in folders),
+            *(f"ldt info {as_argument(one_line(folder))}" for folder in folders),
         )
         return
     try:
@@ -141,7 +141,8 @@ def _described(bag: Bag, health: Health) -> tuple[dict[str, Any], dict[str, str]
     lines["size"] = f"{plain(size / 1e6)} MB in {counted(len(health.files), 'file')}"
     for index, note in enumerate(health.notes):
         lines["notes" if index == 0 else " " * index] = note
-    lines["next"] = f"ldt report {health.path} -o run.html" if health.judged else _next(bag, health)
+    page = f"ldt report {as_argument(str(health.path))} -o run.html"
+    lines["next"] = page if health.judged else _next(bag, health)
     return record, {name: words for name, words in lines.items() if words}
 
 
@@ -157,11 +158,10 @@ def _experiments(health: Health) -> str:
 def _next(bag: Bag, health: Health) -> str:
     if not health.numbers:
         return ""
+    named = as_argument(str(bag.path))
     if not health.machine:
-        return (
-            f"ldt identify {bag.path} --out FILE.yaml, or the machine's own file: ldt docs machine"
-        )
-    return f"ldt diagnose {bag.path} --out why"
+        return f"ldt identify {named} --out FILE.yaml, or the machine's own file: ldt docs machine"
+    return f"ldt diagnose {named} --out why"
 
 
 def _ended(health: Health) -> str:
@@ -225,7 +225,8 @@ def _tell_foreign(storage: Storage, as_json: bool) -> None:
     number = next((fields[kind] for kind in NUMBERS if kind in fields), "/TOPIC")
     voltage = f"{number}.data" if number != "/TOPIC" else "/TOPIC.FIELD"
     speed = f"{fields[JOINTS]}.velocity[0]" if JOINTS in fields else "/TOPIC.FIELD:UNIT"
-    proposed = f"ldt import {storage.path} --voltage {voltage} --speed {speed} --out imported"
+    named = as_argument(str(storage.path))
+    proposed = f"ldt import {named} --voltage {voltage} --speed {speed} --out imported"
     width = max(map(len, topics))
     listed = [
         f"{topic:{width}}  {about['type']}, {counted(counts[topic], 'message')}"

@@ -80,15 +80,14 @@ def refuse_force(force: bool) -> None:
 
 @contextmanager
 def no_empty_folder(folder: str | Path) -> Iterator[None]:
-    """Of a command that fails nothing stays but what it has written: no empty folder."""
+    """Of a command nothing stays but what it has written, also where it fails: no empty folder."""
     place = Path(folder)
     before = place.exists()
     try:
         yield
-    except BaseException:
+    finally:
         if not before and not _files(place):
             shutil.rmtree(place, ignore_errors=True)
-        raise
 
 
 @contextmanager

@@ -6,7 +6,6 @@ On a terminal it is a bar on standard error; on a pipe or in a log a line there 
 from __future__ import annotations
 
 import functools
-import shlex
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Sized
@@ -28,7 +27,7 @@ from rich.progress import track as _track
 from rich.table import Table
 
 from ldt_core.base.errors import LdtError
-from ldt_core.base.printable import one_line
+from ldt_core.base.printable import as_argument, one_line
 from ldt_core.base.stopping import Interrupted
 from ldt_core.cli.console import Console
 from ldt_core.cli.terminal import echo, echo_json, warn
@@ -290,7 +289,7 @@ def _print_table(runs: Sequence[tuple[str, Summary, str]], settings: Mapping[str
         if bag and Path(bag).exists():
             console.print(f"recording: {bag}")
     if runs and (bag := runs[0][2]) and Path(bag).exists():
-        console.print(f"its page:  ldt report {shlex.quote(bag)} -o run.html", soft_wrap=True)
+        console.print(f"its page:  ldt report {as_argument(bag)} -o run.html", soft_wrap=True)
 
 
 def _table(title: str, summaries: Mapping[str, Summary]) -> Table:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Iterable
+from pathlib import Path
 
 import click
 from click.core import ParameterSource
 
 import msgs_config
 from ldt_core.base.errors import BadInput, LdtError
+from ldt_core.base.printable import as_argument
 from ldt_core.cli.terminal import warn
 
 
@@ -31,6 +32,8 @@ def machine_of(machine: str, recordings: Iterable[str], namespace: str) -> str:
             does not say its machine or one that does not ship with LDT.
     """
     for recording in recordings:
+        if Path(recording).name == "metadata.yaml":
+            raise BadInput(recording, f"the recording's folder, {Path(recording).parent}", "a file")
         if recording.endswith((".yaml", ".yml")):
             told = f"a recording; a machine file follows --machine, as in: --machine {recording}"
             raise BadInput(recording, told, "a machine file")
@@ -42,7 +45,7 @@ def machine_of(machine: str, recordings: Iterable[str], namespace: str) -> str:
         elif there:
             raise BadInput("--machine", f"the file of {_of(there, recording)}", "none")
         elif there is not None:
-            made = f"ldt identify {shlex.quote(recording)} --out FILE.yaml makes one"
+            made = f"ldt identify {as_argument(recording)} --out FILE.yaml makes one"
             told = f"a machine file, since {recording} does not say of which machine it is ({made})"
             raise BadInput("--machine", told, "none")
     if not any(named.values()):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -23,6 +24,31 @@ INSTEAD = {
         "ldt calibrate RECORDING --machine FILE --out FITTED.yaml"
     ),
 }
+
+
+#: Options that name a file or folder; an empty name is a variable of a script that nobody has set.
+PLACES = (
+    "-o",
+    "--out",
+    "--bag",
+    "--with",
+    "--play",
+    "--settings",
+    "--resume",
+    "--figure",
+    "--next",
+)
+
+
+def nameless(arguments: Sequence[str]) -> str:
+    """An option whose file or folder has an empty name; "" if there is none.
+
+    >>> nameless(["predict", "bag", "--with", "", "--out", "x"]), nameless(["run", "--play=bag"])
+    ('--with', '')
+    """
+    alone = [a for a, value in itertools.pairwise(arguments) if value == ""]
+    joined = [a[:-1] for a in arguments if a.endswith("=")]
+    return next((option for option in (*alone, *joined) if option in PLACES), "")
 
 
 def nearest(name: str, known: Iterable[str]) -> str | None:
@@ -71,7 +97,11 @@ def unusable(error: click.ClickException) -> str:
     if context is None:
         return said
     if isinstance(error, click.BadParameter) and error.param is not None:
-        kinds = {" is not a valid float.": "a number", " is not a valid integer.": "a whole number"}
+        kinds = {
+            " is not a valid float.": "a number",
+            " is not a valid integer.": "a whole number",
+            " is not a valid integer range.": "a whole number",
+        }
         for ending, kind in kinds.items():
             if error.message.endswith(ending):
                 got = error.message.removesuffix(ending)

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from ldt_core.base.evenly_spread import evenly_spread
 from ldt_core.base.experiment import Experiment
 from ldt_core.base.settings import HOLDOUT
 from ldt_core.base.threads import cores, one_thread
@@ -62,9 +63,9 @@ def diagnose(
     experiments, short = without_fragments(experiments)
     trusted, fault = sound(machine, experiments)
     experiments, odd = without_wrong_current(machine, experiments)
-    beside = "; ".join(filter(None, [repeated, short, odd]))
     only = len(trusted) < THRESHOLDS.trusted_experiments
-    experiments = trusted if fault and not only else experiments
+    experiments, part = evenly_spread(trusted if fault and not only else experiments)
+    beside = "; ".join(filter(None, [repeated, short, odd, part]))
     fitted, held = split_at_random(experiments, holdout, seed)
     most = max(float(np.abs(e.voltage).max()) for e in fitted)
     if most < NO_VOLTAGE * max(map(abs, machine.voltage_limits)):

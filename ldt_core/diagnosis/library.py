@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from ldt_core.base.errors import OptionError
 from ldt_core.effects import EFFECTS, get_effect
 from ldt_core.machine.machine_file import Machine
 from ldt_core.physics.effect import Effect
@@ -20,7 +21,8 @@ def library(
         without: names to leave out.
 
     Raises:
-        OptionError: a name that is not known, or an own effect that this machine cannot have.
+        OptionError: a name that is not known, or an own effect that this machine cannot have, that
+            does not compile, or that has the name of another.
     """
     for name in without:
         EFFECTS.require(name)
@@ -28,6 +30,12 @@ def library(
     for name in more:
         effect = get_effect(name)
         effect.require(machine.model)
-        if effect.name not in [e.name for e in found]:
+        if effect.torque is not None or effect.terminal is not None:
+            _ = effect.compiled  # else it would be one that cannot be simulated
+        other = next((e for e in found if e.name == effect.name), None)
+        if other is not None and other is not effect:
+            told = f"an effect with a name of its own, or --without {effect.name}"
+            raise OptionError(f"--effect {name}", told, f"one more {effect.name}")
+        if other is None:
             found.append(effect)
     return found

@@ -248,7 +248,10 @@ class VerdictReport:
 
     def _notes(self, units: str) -> list[str]:
         cut = {e.number for e in self.fitted} & {e.number for e in self.held}
-        few = f"fewer than {FEWEST_EXPERIMENTS} experiments: each was cut into parts, some of them"
+        parts = "cut into parts, some of them"
+        few = f"fewer than {FEWEST_EXPERIMENTS} experiments: each was {parts}"
+        if len({e.number for e in (*self.fitted, *self.held)}) >= FEWEST_EXPERIMENTS:
+            few = f"long experiments were {parts}"
         odd = ((e.number, speed_doubt(self.machine, e)) for e in [*self.fitted, *self.held])
         first = next((f"experiment {n}: sensor or machine? {w}" for n, w in odd if w), "")
         ended = self.named is not None and at_the_end(self.named)

@@ -239,7 +239,8 @@ class GreyBoxProblem:
     ) -> Array:
         """Coordinates behind a damped step."""
         by, inner = np.zeros(self.size), np.ix_(free, free)
-        by[free] = damped_step(information[inner], slope[free], damping, self._longest[free])
+        if free.any():
+            by[free] = damped_step(information[inner], slope[free], damping, self._longest[free])
         return np.clip(x + by, self._low, self._high)
 
     def explains(self, x: Array, gain: float, step: float) -> bool:

@@ -104,9 +104,11 @@ class MotorDriven(Physics):
         least_step: float = 0.0,
     ) -> Array:
         """Exact (matrix exponential) where everything is linear, else by Runge-Kutta steps."""
+        run = self.begun(FreeRun(values, voltage, period, initial, effects, tracked))
+        if run.exact:  # most of a calibration's runs, of short experiments
+            return self.alone(run, period, max_step, least_step)
         from ldt_core.physics.side_by_side import SideBySide  # see `integrate`
 
-        run = self.begun(FreeRun(values, voltage, period, initial, effects, tracked))
         states = SideBySide(self, max_step, least_step).exponential(run)
         return self.alone(run, period, max_step, least_step) if states is None else states
 
@@ -198,7 +200,7 @@ class MotorDriven(Physics):
         begin = tuple(plan.first[: RIGID_STATES if plan.rigid else STATES].tolist())
         used = gather(terms, plan.values, plan.watched, plan.quiet) if terms else None
         k, own = plan.coefficients, plan.first[STATES:]
-        if plan.fast:
+        if plan.fast and steps.size:  # of one sample there is nothing to solve
             failed, rounds = _collocated(
                 *(edges, volts, steps, samples, begin, own, k, states, tracked, used),
                 *(plan.values, most, BEND_IN_SEARCH if least_step > 0 else BEND, plan.finest),
@@ -314,7 +316,7 @@ class MotorDriven(Physics):
 
 def _writable(numbers: Array) -> Array:
     """A record's arrays are read-only: kernels would be compiled once more for them."""
-    return np.require(numbers, np.float64, ["C", "W"])
+    return numbers if numbers.flags.writeable else numbers.copy()
 
 
 @functools.lru_cache(maxsize=DISCRETISATIONS_REMEMBERED)

@@ -14,6 +14,7 @@ in s, rad, rad/s, A, V. `p` holds the effect's parameters in their order, then t
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -32,6 +33,8 @@ _F, _POINTER = types.float64, types.CPointer(types.float64)
 TERM = _F(_F, _F, _F, _F, _F, _POINTER)
 TERM_WITH_STATES = _F(_F, _F, _F, _F, _F, _POINTER, _POINTER, _POINTER)
 BYTES = 8  # of a float64
+COLOURS = re.compile("\x1b\\[[0-9;]*m")  # for a terminal, in numba's sentences
+PREAMBLE = "Failed in nopython mode"  # above what is wrong
 
 
 class Terms(NamedTuple):
@@ -59,7 +62,8 @@ def compile_term(where: str, function: Callable[..., float], stateful: bool) -> 
     try:
         return cfunc(signature, function)
     except (NumbaError, TypeError) as error:
-        reason = str(error).strip().splitlines()[-1]
+        lines = [line.strip() for line in COLOURS.sub("", str(error)).splitlines()]
+        reason = next((s for s in lines if s and not s.startswith(PREAMBLE)), "none")
         raise OptionError(
             where, f"a function that numba compiles as {signature}", reason
         ) from error

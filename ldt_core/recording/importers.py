@@ -13,6 +13,7 @@ import numpy as np
 from ldt_core.base.clock import LATEST
 from ldt_core.base.errors import OptionError, RecordingError
 from ldt_core.base.experiment import Experiment
+from ldt_core.base.printable import as_argument
 from ldt_core.base.sentences import counted
 from ldt_core.base.units import UNITS, Field, parse_field, propose_fields
 from ldt_core.machine.experiment_limits import SHORTEST_PERIOD
@@ -193,7 +194,9 @@ def _from_bag(
     storage = Storage(path)
     ours = any(topic.rpartition("/")[2] == "experiment" for topic in storage.topics)
     if ours and not all(text.startswith("/") for text in given.values()):
-        got = f"a recording of experiments, which needs no import (ldt info {path})"
+        got = (
+            f"a recording of experiments, which needs no import (ldt info {as_argument(str(path))})"
+        )
         raise RecordingError(path, "a CSV file or a foreign bag", got)
     fields = {q: parse_field(text, q) for q, text in given.items()}
     sources = {q: parse_field_path(f"--{q}", field.name) for q, field in fields.items()}

@@ -8,7 +8,6 @@ is refused.
 from __future__ import annotations
 
 import json
-import shlex
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -17,6 +16,7 @@ import msgs_config
 from ldt_core.base.code_version import code_version
 from ldt_core.base.digest import file_digest, json_digest
 from ldt_core.base.errors import BadInput, RecordingError
+from ldt_core.base.printable import as_argument
 from ldt_core.base.settings import as_options
 from ldt_core.detectors import DETECTORS
 from ldt_core.effects import EFFECTS
@@ -104,7 +104,7 @@ def resumed(settings: Mapping[str, Any]) -> dict[str, Any]:
     first = base / FIRST_MACHINE if fleet else base
     recorded = read_bag(first, listed=True).settings()
     if not recorded:
-        there = f"one without (ldt run --play {shlex.quote(str(first))} lets a twin learn on it)"
+        there = f"one without (ldt run --play {as_argument(str(first))} lets a twin learn on it)"
         raise RecordingError(first, "a recording of a run, with its settings", there)
     if recorded.get(SECURE) and settings.get(SECURE) == "":
         raise BadInput("--secure", f"a keystore, since {first} began secured", "none")
@@ -144,7 +144,7 @@ def command_to_resume(
         for name, value in settings.items()
         if name in (*CHANGEABLE, SECURE) or not (name in LEFT_OUT or _is_plain(name, value))
     }
-    return f"ldt {command} --resume {shlex.quote(str(recording))} {as_options(again)}".rstrip()
+    return f"ldt {command} --resume {as_argument(str(recording))} {as_options(again)}".rstrip()
 
 
 def begin_of(path: str | Path, start_time: float) -> float:

@@ -257,11 +257,13 @@ def test_a_current_of_another_unit_or_sign_is_not_fitted_to(factor, words):
     assert not diagnose(sound, MOTOR).notes
 
 
-@pytest.mark.parametrize("name", ["J", "R", "K_t", "b"])
+@pytest.mark.parametrize("name", ["J", "R", "K_t", "b", "L", "J / 1000", "R / 1000", "K_t / 1000"])
 def test_a_machine_file_in_another_unit_is_doubted_by_a_run(name):
     """Inertia in g m², resistance in mOhm: nothing was said, and a twin learned around it."""
     right = replace(load_machine("rotor"), duration=2.0)
-    wrong = replace(right, parameters={**right.parameters, name: 1000 * right.parameters[name]})
+    name, _, less = name.partition(" / ")
+    value = right.parameters[name] * (1 / 1000 if less else 1000)
+    wrong = replace(right, parameters={**right.parameters, name: value})
     made = [Plant(right, seed=1).experiment(number) for number in (1, 2)]
     assert [doubt(right, e) for e in made] == ["", ""]
     assert all("another unit" in doubt(wrong, e) for e in made)

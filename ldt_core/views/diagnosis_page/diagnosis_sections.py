@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import msgs_config
+from ldt_core.base.printable import as_argument
 from ldt_core.base.sentences import counted, listed, ranges, spans
 from ldt_core.diagnosis.diagnosis import Diagnosis, RankedCandidate, Refit
 from ldt_core.views.diagnosis_page import gap_curves, ranking, time_curves
@@ -114,10 +114,10 @@ def gap(diagnosis: Diagnosis, kept: Path) -> Section:
     pairs += [("either", listed(g, "or")) for g in groups]
     section.blocks.append(Pairs(pairs))
     if diagnosis.effects:
-        recording = shlex.quote(next(iter(diagnosis.recordings), "RECORDING"))
+        recording = as_argument(next(iter(diagnosis.recordings), "RECORDING"))
         command = (
             f"ldt predict {recording} --machine {_machine(diagnosis)} "
-            f"--with {shlex.quote(str(kept))} --out predicted"
+            f"--with {as_argument(str(kept))} --out predicted"
         )
         section.blocks += [
             Text("To predict this or another recording with what was found:"),
@@ -133,10 +133,10 @@ def next_step(diagnosis: Diagnosis, kept: Path) -> tuple[str, str]:
         kept: the file for programs.
     """
     machine = _machine(diagnosis)
-    recordings = [shlex.quote(name) for name in diagnosis.recordings] or ["RECORDING"]
+    recordings = [as_argument(name) for name in diagnosis.recordings] or ["RECORDING"]
     play = f"ldt run --play {recordings[0]} --machine {machine} --out played"
     calibrated = f"ldt calibrate {' '.join(recordings)} --machine {machine}"
-    fitted = f"{calibrated} --with {shlex.quote(str(kept))} --out FILE.yaml"
+    fitted = f"{calibrated} --with {as_argument(str(kept))} --out FILE.yaml"
     anew = f"{calibrated} --out FILE.yaml"
     return {
         "effect": ("add what was found to the machine file", fitted),
@@ -161,7 +161,7 @@ def _machine(diagnosis: Diagnosis) -> str:
     """The machine as a command takes it: a file as it was given, or a shipped one's name."""
     file = Path(diagnosis.machine_file or "FILE")
     shipped = not file.exists() and file.stem in msgs_config.machine_names()
-    return shlex.quote(file.stem if shipped else str(file))
+    return as_argument(file.stem if shipped else str(file))
 
 
 def _added(diagnosis: Diagnosis, effect: Mapping[str, Any]) -> tuple[str, str]:
@@ -355,7 +355,7 @@ def following(diagnosis: Diagnosis) -> Section:
     )
     columns = {"voltage": "u", "speed": "n", "current": "i"}
     fields = [f"--{c} {columns[c]}" for c in columns if c in then.channels]
-    recordings = " ".join(map(shlex.quote, diagnosis.recordings)) or "RECORDING"
+    recordings = " ".join(map(as_argument, diagnosis.recordings)) or "RECORDING"
     section.blocks += [
         Text("Once it is recorded as a table with these columns, and diagnosed with the rest:"),
         Text(

@@ -73,10 +73,13 @@ def spectrum(rows: Sequence[Array], periods: Sequence[float]) -> tuple[Array, Ar
     if not found:
         return np.zeros(0), np.zeros(0)
     grid = max((f for f, _ in found), key=len)[1:]
-    power = np.full((len(found), grid.size), math.nan)
-    for line, (f, p) in zip(power, found, strict=True):
-        line[:] = np.interp(grid, f[1:], p[1:], left=math.nan, right=math.nan)
-    mean = np.nansum(power, axis=0) / np.maximum(np.isfinite(power).sum(axis=0), 1)
+    total, lines = np.zeros(grid.size), np.zeros(grid.size)
+    for f, p in found:
+        line = np.interp(grid, f[1:], p[1:], left=math.nan, right=math.nan)
+        seen = np.isfinite(line)
+        total[seen] += line[seen]
+        lines += seen
+    mean = total / np.maximum(lines, 1)
     edges = np.geomspace(grid[0], grid[-1] * (1 + 1e-9), SPECTRUM_LINES + 1)
     which = np.searchsorted(edges, grid, side="right") - 1
     at = [np.flatnonzero(which == i) for i in range(SPECTRUM_LINES)]
