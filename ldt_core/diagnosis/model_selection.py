@@ -163,3 +163,60 @@ class FittedSets:
                 float(a @ b) < THRESHOLDS.opposed_responses for a, b in pairs
             )
         return self._cancelling[names]
+
+
+def worth_more(
+    found: FittedSets, smaller: EffectFit, larger: EffectFit, gap: float, departing: bool = False
+) -> bool:
+    """Whether what a larger set gains over a smaller one earns it its further members.
+
+    Args:
+        departing: True leaves out what laws that depart could explain as well.
+    """
+    band = found.band
+    # What only departures gain, of which a larger set has more, no further effect has explained.
+    exact = band.speed_gain(smaller.residual, larger.residual)
+    gain, left = min(found.behind(smaller, larger), exact), max(found.left(smaller), 0.0)
+    if larger.ended and not gain > THRESHOLDS.further_effect_of_gap * gap:
+        return False  # what mends so little and has no size is no cause
+    limit = band.speed_limit(THRESHOLDS.remainder_false_alarm)
+    plainly = THRESHOLDS.plainly_structured * limit
+    # Of what laws that depart may leave, a little is left over: it has no name, down to the noise.
+    rest = max(band.speed_excess(smaller.residual), 0.0)
+    departs = left < (1 - THRESHOLDS.further_effect_of_remainder) * rest
+    whole = found.left(larger) <= limit and not departs
+    # What departures plainly cannot explain, and one effect nearly does, is that effect's; or what
+    # one exact law nearly explains. Two may mend any law.
+    one = len(larger.effects) == len(smaller.effects) + 1
+    if left > plainly or exact > THRESHOLDS.nearly_all_of_remainder * rest:
+        whole |= one and gain > THRESHOLDS.relative * left
+    if not exact > THRESHOLDS.least_gap * band.samples:
+        return False  # what matters to no prediction
+    if earned(smaller.effects, larger.effects, gain, left, gap, whole):
+        return True
+    if _current_shows(found, smaller, larger):
+        return True
+    if departing or not one:
+        return False
+    # Exact laws that leave the noise alone are believed before laws that depart from the machine's.
+    # Beside what the smaller set leaves, the simulation's error is as good as noise.
+    if band.speed_excess(larger.residual) > max(limit, THRESHOLDS.law_error**2 * rest):
+        return False
+    # What is plainly there the further effect may then explain however small it is, though laws
+    # that depart could as well: what leaves noise alone says more than what may be anything.
+    whole = rest > plainly
+    return earned(smaller.effects, larger.effects, exact, rest, gap, whole)
+
+
+def _current_shows(found: FittedSets, smaller: EffectFit, larger: EffectFit) -> bool:
+    """Whether the current tells of a larger set's further members: as the speed would have to.
+
+    A torque beside a sensor's lag, say, shows in the current, which the lag does not touch.
+    """
+    band, base = found.band, found.base
+    left, rest = (max(band.current_excess(f.residual), 0.0) for f in (smaller, larger))
+    gain = band.current_gain(smaller.residual, larger.residual)
+    gap = max(band.current_gain(base, larger.residual), 0.0) + rest
+    if left <= THRESHOLDS.departure_of_law * gap:
+        return False  # so much a law may be off
+    return earned(smaller.effects, larger.effects, gain, left, gap)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import json
 import os
 import signal
 import time
@@ -21,7 +20,6 @@ from ldt_core.calibration.calibration import Calibration
 from ldt_core.cli import invoke, ldt, main
 from ldt_core.cli.outputs import no_empty_folder
 from ldt_core.cli.recorded_machine import machine_of
-from ldt_core.diagnosis.diagnosis import read_effects
 from ldt_core.diagnosis.library import library
 from ldt_core.estimation.grey_box_problem import GreyBoxProblem
 from ldt_core.machine.machine_file import load_machine

@@ -14,9 +14,9 @@ from ldt_core.diagnosis.diagnose import diagnose
 from ldt_core.diagnosis.effect_fit import EffectFit, fit
 from ldt_core.diagnosis.effect_set_search import EffectSetSearch
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
-from ldt_core.diagnosis.model_selection import earned, kin, plain_enough
+from ldt_core.diagnosis.model_selection import earned, kin, plain_enough, worth_more
 from ldt_core.diagnosis.thresholds import THRESHOLDS
-from ldt_core.diagnosis.verdict import Decision, _no_cause, _worth_more, plainest
+from ldt_core.diagnosis.verdict import Decision, _no_cause, plainest
 from ldt_core.effects import EFFECTS, get_effect
 
 GAP = 1e6  # power
@@ -273,7 +273,7 @@ def test_a_torque_that_the_current_alone_shows_is_named_beside_a_lag_of_the_sens
     lag = two_channels("sensor_lag", speed=0.02 * GAP, current=GAP)
     for current, named in ((0.01, True), (0.9, False)):
         both = two_channels("sensor_lag", "quadratic_drag", speed=0.01 * GAP, current=current * GAP)
-        assert _worth_more(found, lag, both, GAP) is named
+        assert worth_more(found, lag, both, GAP) is named
 
 
 def test_what_the_current_shows_is_a_cause_though_the_file_can_follow_the_speed():
@@ -342,18 +342,18 @@ def test_what_mends_little_and_has_no_size_is_no_further_effect(at_limit):
         larger = replace(larger, z=z)
     assert bool(larger.ended) is at_limit
     little = power / (0.9 * LIMITS.further_effect_of_gap)
-    assert _worth_more(Exact(SpeedBand()), smaller, larger, little) is not at_limit
-    assert _worth_more(Exact(SpeedBand()), smaller, larger, little / 2)
+    assert worth_more(Exact(SpeedBand()), smaller, larger, little) is not at_limit
+    assert worth_more(Exact(SpeedBand()), smaller, larger, little / 2)
 
 
 def test_what_only_departures_gain_names_no_further_effect():
     """A larger set has more laws that may depart: an inertia that explained nothing was named."""
     found = Exact(SpeedBand())
     smaller, larger = fitted("sensor_lag", left=0.1 * GAP), fitted("sensor_lag", "inertia")
-    assert _worth_more(found, smaller, larger, GAP)
+    assert worth_more(found, smaller, larger, GAP)
     larger = fitted("sensor_lag", "inertia", left=0.099 * GAP)
     found.left = lambda f: 0.01 * GAP if f is larger else 0.1 * GAP
-    assert not _worth_more(found, smaller, larger, GAP)
+    assert not worth_more(found, smaller, larger, GAP)
 
 
 @pytest.mark.parametrize("departing", [0.0, 0.7])
@@ -370,7 +370,7 @@ def test_what_takes_nearly_all_that_is_left_is_named_however_small_a_part_of_the
     smaller = fitted("motor_constant", left=left)
     for share, named in ((0.92, True), (0.88, False)):
         larger = fitted("motor_constant", "viscous_friction", left=(1 - share) * left)
-        assert _worth_more(found, smaller, larger, GAP) is named
+        assert worth_more(found, smaller, larger, GAP) is named
 
 
 @pytest.mark.parametrize(("beyond", "named"), [(5.0, True), (3.0, False)])
@@ -381,7 +381,7 @@ def test_what_departures_nearly_explain_is_no_further_effect(beyond, named):
     larger = fitted("motor_constant", "viscous_friction", left=0.07 * rest)
     found.left = lambda f: {smaller: beyond, larger: 0.02 * beyond}[f]
     found.behind = lambda f, best: 2 * THRESHOLDS.chance_gain
-    assert _worth_more(found, smaller, larger, GAP) is named
+    assert worth_more(found, smaller, larger, GAP) is named
 
 
 def test_what_matters_to_no_prediction_earns_no_name():
@@ -390,6 +390,6 @@ def test_what_matters_to_no_prediction_earns_no_name():
     band.samples = 1.1 * 2 * THRESHOLDS.chance_gain / THRESHOLDS.least_gap
     smaller = fitted("constant_load", left=2 * THRESHOLDS.chance_gain)
     larger = fitted("constant_load", "viscous_friction")
-    assert not _worth_more(Exact(band), smaller, larger, 1e6)
+    assert not worth_more(Exact(band), smaller, larger, 1e6)
     band.samples /= 1.2
-    assert _worth_more(Exact(band), smaller, larger, 1e6)
+    assert worth_more(Exact(band), smaller, larger, 1e6)
