@@ -203,10 +203,10 @@ def _bounded(gram: Array, target: Array, low: Array, high: Array) -> Array:
 
 
 def _push(change: Array, forgets: float) -> Array:
-    """(L,) what pushes the speed so that it changes by (L,), in the unit of the change."""
+    """(L,) what pushes the speed so that it changes by (L,), as the change in one sample."""
     found = change.copy()
     if forgets:
-        found[:-1] = (change[1:] - forgets * change[:-1]) / (1 - forgets)
+        found[:-1] = change[1:] - forgets * change[:-1]
         found[-1] = found[-2]
     return found
 
@@ -218,7 +218,7 @@ def _moved(pushes: Array, forgets: float) -> Array:
     found = np.zeros_like(pushes)
     bands = np.full((2, len(pushes) - 1), -forgets)
     bands[0] = 1.0
-    found[1:] = solve_banded((1, 0), bands, (1 - forgets) * pushes[:-1])
+    found[1:] = solve_banded((1, 0), bands, pushes[:-1])
     return found
 
 
