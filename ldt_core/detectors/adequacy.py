@@ -42,9 +42,10 @@ class Adequacy(Detector):
 
     | state | what is known | answer |
     |---|---|---|
-    | `learning` | too few samples; or what is left the model claims not to know | negative, or \
-    positive to learn from |
-    | `holds` | the model explains the experiment down to the noise | negative |
+    | `learning` | too few samples to tell; or what is left the model claims not to know | \
+    negative, or positive to learn from |
+    | `holds` | the model explains the experiment down to the noise, and samples enough show it | \
+    negative |
     | `changed` | it does not any more | positive |
     | `inadequate` | it does not, learning was tried and no better model was found | warning |
     | `new_range` | it does not, but only where it never was right | negative, then positive |
@@ -245,7 +246,7 @@ class Adequacy(Detector):
         if self.trials > 0:
             self._clear()
         if self.unexplained < self.false_alarm_every:
-            self.model_state = "holds" if plain.explained else "learning"
+            self.model_state = "holds" if plain.explained and plain.small else "learning"
             return Level.NEGATIVE
         if self.misfit >= self.false_alarm_every:
             self.lessons, self.pause, self.heard = 0, 0, found.relative

@@ -34,6 +34,13 @@ STRETCH = 32
 #: e-value up to which a model explains an experiment: at most one true model in 740 does not, as
 #: beyond three standard deviations (Markov's inequality).
 EXPLAINED = 740.0
+#: Variance of an error that is clearly more than the noise, as a part of the noise's: as large.
+#: With 0.5, a true model is doubted in a third of the experiments of 20 samples, not in a tenth;
+#: with 2, a motor with experiments of 50 samples leaves a fifth more of the error.
+CLEAR = 1.0
+#: Deviations of chance: beyond three a true model does not explain, as above; two are the usual
+#: doubt whether an experiment tells enough.
+BY_CHANCE, DOUBT = 3.0, 2.0
 #: Two neighbours beyond so many deviations of the noise on one side are no noise of any usual law.
 FAR = 10.0
 #: Bets on the sign of a sample of `FAR` deviations: what is won or lost, of what one has.
@@ -63,6 +70,8 @@ class Misfit:
         excess: products of neighbours in their standard deviations, beyond what is tolerated.
         ratio: root mean square residual over the noise alone.
         relative: the same over noise and claim.
+        error: variance of what lasts for more than a sample, as a part of the noise's.
+        chance: standard deviation of that under noise of one size, whatever its law.
         far: whether neighbours lie together beyond `FAR` deviations of the noise, or most samples
             behind the voltage's large steps do.
     """
@@ -71,12 +80,24 @@ class Misfit:
     excess: float
     ratio: float
     relative: float
+    error: float
+    chance: float
     far: bool
 
     @property
     def explained(self) -> bool:
-        """Whether the model explains the experiment."""
-        return self.evidence < EXPLAINED and not self.far
+        """Whether the model explains the experiment.
+
+        The e-value holds for noise of any law, and so finds nothing in few samples, however large
+        the error. There its size counts.
+        """
+        clear = self.error > CLEAR + BY_CHANCE * self.chance
+        return self.evidence < EXPLAINED and not self.far and not clear
+
+    @property
+    def small(self) -> bool:
+        """Whether there are samples enough to say that the error is not clearly more than noise."""
+        return self.error + DOUBT * self.chance < CLEAR
 
 
 @functools.lru_cache(maxsize=64)
@@ -242,6 +263,8 @@ def misfit(residual: Array, deviation: Array | None = None, under: Setting | Non
         levels.append(float(np.mean(np.exp(np.minimum(powers, MOST_LOG)))))
         count *= 2
     far = bool(np.max(told[:-1] * told[1:]) > FAR**2)
+    # Products of independent samples are uncorrelated: of any law, their mean varies by this much.
+    chance = 1 / math.sqrt(products.size)
     evidence = float(np.mean(levels))
     if under is not None:
         evidence = (evidence + _followed(row, under.moves)) / 2
@@ -251,6 +274,8 @@ def misfit(residual: Array, deviation: Array | None = None, under: Setting | Non
         excess,
         math.sqrt(float(np.mean(square))),
         math.sqrt(float(np.mean(relative))),
+        float(np.mean(products)),
+        chance,
         far,
     )
 

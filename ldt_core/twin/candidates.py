@@ -18,7 +18,15 @@ from ldt_core.models.grey_box import GreyBoxModel
 from ldt_core.models.hybrid import HybridModel
 from ldt_core.models.remainder import RemainderModel
 from ldt_core.physics.effect import Effect
-from ldt_core.twin.version_errors import errs_less, explains, gains, pays, rms_error, same
+from ldt_core.twin.version_errors import (
+    errs_less,
+    explains,
+    explains_all,
+    gains,
+    pays,
+    same,
+    squared_error,
+)
 
 #: Experiments learned from at most, the newest included.
 POOL = 3
@@ -92,7 +100,7 @@ class Candidates:
             if more is None:
                 return None, ""
             own = more if isinstance(more, GreyBoxModel) else None
-            if not (gains(own, before, experiment) if own else pays(more, before, new)):
+            if not (gains(own, before, [experiment]) if own else pays(more, before, new)):
                 return None, "learning more of the same machine does not pay"
             return self.more(before, known, pool) if flexible else more, ""
         except UNLEARNABLE as error:
@@ -102,7 +110,7 @@ class Candidates:
         self,
         versions: Sequence[Model],
         known: Sequence[Experiment],
-        experiment: Experiment,
+        told: Sequence[Experiment],
         recent: Sequence[Experiment],
     ) -> Pausable[GreyBoxModel | None]:
         """The best of the causes of these versions, re-estimated from the newest experiments.
@@ -110,8 +118,8 @@ class Candidates:
         Args:
             versions: the present one first.
             known: that the present one has learned from.
-            experiment: to explain.
-            recent: those before it that may show the same machine.
+            told: to explain.
+            recent: those before the last one that may show the same machine.
         """
         tried: dict[frozenset[Effect], GreyBoxModel] = {}
         for model in versions:
@@ -120,14 +128,14 @@ class Candidates:
         found: list[GreyBoxModel] = []
         for model in list(tried.values())[:POOL]:
             with suppress(*UNLEARNABLE):
-                fitted = yield from model.fitting([experiment], sized=False)
-                if explains(fitted, experiment):
+                fitted = yield from model.fitting(told, sized=False)
+                if explains_all(fitted, told):
                     own = known if model is versions[0] else ()
-                    fitted = yield from self._with_more(model, fitted, own, [*recent, experiment])
+                    fitted = yield from self._with_more(model, fitted, own, [*recent, told[-1]])
                 found.append(fitted)
-                if explains(fitted, experiment):
+                if explains_all(fitted, told):
                     break
-        return min(found, key=lambda m: rms_error(m, experiment), default=None)
+        return min(found, key=lambda m: squared_error(m, told), default=None)
 
     def _with_more(
         self,
@@ -136,9 +144,9 @@ class Candidates:
         known: Sequence[Experiment],
         recent: Sequence[Experiment],
     ) -> Pausable[GreyBoxModel]:
-        """What was fitted to the last experiment alone, with the others that it explains."""
+        """What was fitted to the last experiments, with the others that it explains."""
         valid = [e for e in recent if explains(fitted, e)]
-        if known and all(explains(fitted, e) for e in known):
+        if known and explains_all(fitted, known):
             new = [e for e in valid if not any(same(e, k) for k in known)]
             if found := (yield from model.updated([*known, *new[-POOL:]][-MOST:])):
                 return found

@@ -13,7 +13,7 @@ from ldt_core.models.base import Model
 from ldt_core.models.grey_box import GreyBoxModel
 from ldt_core.twin.candidates import POOL, Candidates
 from ldt_core.twin.stage import Archive
-from ldt_core.twin.version_errors import explains, gains
+from ldt_core.twin.version_errors import explains_all, gains
 
 #: Integration steps of a search (`physics.base.Work`) at one experiment, of some 80 ns each on one
 #: processor. A first search that finds two causes in 2000 samples takes 11 to 16 million; with some
@@ -21,6 +21,8 @@ from ldt_core.twin.version_errors import explains, gains
 STEPS = 18_000_000
 #: The same of a search for causes, for whose end other models wait.
 MOST_STEPS = 3 * STEPS
+#: Of a question's attributes, those that are experiments.
+LISTS = ("known", "recent", "told", "pool")
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +34,7 @@ class Question:
         versions: that were in force, the present one first.
         known: experiments that the present one has learned from.
         recent: those before the one to explain that may show the same machine.
-        experiment: to explain.
+        told: to explain together: the newest experiment, or the last ones of few samples.
         elsewhere: whether the present model fails only where it was never right.
         due: whether new causes may be searched for.
         pool: to learn from where no cause explains the experiment, the newest last.
@@ -42,14 +44,14 @@ class Question:
     versions: Sequence[Model]
     known: Sequence[Experiment]
     recent: Sequence[Experiment]
-    experiment: Experiment
+    told: Sequence[Experiment]
     elsewhere: bool
     due: bool
     pool: Sequence[Experiment]
 
     def state(self) -> dict[str, Any]:
         """By the numbers of what is recorded."""
-        lists = {"known": self.known, "recent": self.recent, "pool": self.pool}
+        lists = {name: getattr(self, name) for name in LISTS}
         return {
             "start": self.start.version,
             "versions": [m.version for m in self.versions],
@@ -64,12 +66,11 @@ class Question:
         def model(version: Any) -> Model:
             return original if version == original.version else archive.model(version)
 
-        known, recent, pool = (
-            [archive.experiment(number, start) for number, start in state[name]]
-            for name in ("known", "recent", "pool")
+        known, recent, told, pool = (
+            [archive.experiment(number, start) for number, start in state[name]] for name in LISTS
         )
         versions = [model(v) for v in state["versions"]]
-        about = pool[-1], bool(state["elsewhere"]), True, pool
+        about = told, bool(state["elsewhere"]), True, pool
         return cls(model(state["start"]), versions, known, recent, *about)
 
 
@@ -122,7 +123,7 @@ class CauseSearch:
     def settled(self, model: Model) -> bool:
         """Whether causes that came into force meanwhile explain all that it is about."""
         caused = isinstance(model, GreyBoxModel)
-        return caused and all(explains(model, e) for e in self.question.pool)
+        return caused and explains_all(model, self.question.pool)
 
     def _go_on(self, until_known: bool) -> None:
         with one_thread():
@@ -175,21 +176,19 @@ class CauseSearch:
 
     def _caused(self) -> Pausable[tuple[GreyBoxModel, str] | None]:
         """A model of causes that explains the experiment, known or searched for, and its origin."""
-        asked, experiment = self.question, self.question.experiment
-        best = yield from self._candidates.refitted(
-            asked.versions, asked.known, experiment, asked.recent
-        )
-        if best is not None and not explains(best, experiment):
+        asked, told = self.question, self.question.told
+        best = yield from self._candidates.refitted(asked.versions, asked.known, told, asked.recent)
+        if best is not None and not explains_all(best, told):
             best = None
-        if best is not None and not gains(best, asked.versions[0], experiment):
+        if best is not None and not gains(best, asked.versions[0], told):
             self.idle = True
             return None
-        alone, pool = best, [*asked.known[-POOL + 1 :], experiment]
-        if alone is not None and asked.elsewhere and not all(explains(alone, e) for e in pool):
+        alone, pool = best, [*asked.known[-POOL + 1 :], *told]
+        if alone is not None and asked.elsewhere and not explains_all(alone, pool):
             # Of one machine, as the excitation alone is another: another cause may explain all.
             best = (yield from within(self._searched(pool), STEPS // 2)) or alone
         elif best is None:
-            best = yield from self._searched([experiment])
+            best = yield from self._searched(told)
         if best is None:
             return None
         return best, "estimates its causes anew" if best is alone else "has a new cause"
@@ -200,8 +199,8 @@ class CauseSearch:
         if not asked.due:
             return None
         found = yield from self._candidates.structures(asked.start, pool)
-        explaining = (m for m in found if all(explains(m, e) for e in pool))
-        return next((m for m in explaining if gains(m, asked.versions[0], pool[-1])), None)
+        explaining = (m for m in found if explains_all(m, pool))
+        return next((m for m in explaining if gains(m, asked.versions[0], asked.told)), None)
 
     def state(self) -> dict[str, Any]:
         """For `of`."""

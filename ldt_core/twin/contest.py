@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from ldt_core.base.experiment import FAILED, Action, Adaptation, Experiment, Level, Signal
+from ldt_core.base.sentences import counted
 from ldt_core.models.base import Model
 from ldt_core.models.grey_box import GreyBoxModel
 from ldt_core.twin.adaptor import PASSED_OVER, ROLLED_BACK
@@ -17,8 +18,10 @@ from ldt_core.twin.known_versions import FOLLOWED, KnownVersions
 from ldt_core.twin.memory import Memory
 from ldt_core.twin.original_watch import OriginalWatch
 from ldt_core.twin.stage import Archive, RecordedStep
+from ldt_core.twin.training_data import newest_enough, too_short
 from ldt_core.twin.version_errors import (
     alike,
+    explains,
     pays,
     rms_error,
     squared_error,
@@ -161,7 +164,11 @@ class ContestAdaptor(KnownVersions):
                 origin = f"{origin}: {often}"
             self._adopt(next_one.again(before.version + 1))
             return Action.ADAPTED, self._reason(before, experiment, origin), {}
-        search = CauseSearch(self.candidates, self._question(experiment))
+        asked = self._question(experiment)
+        if too_short(asked.told) and len(asked.told) < self.memory.history:
+            why = f"{counted(sum(map(len, asked.told)), 'sample')} that nobody explains are too few"
+            return Action.REFUSED, f"{why} to learn from yet; {stays}", {}
+        search = CauseSearch(self.candidates, asked)
         over = search.explain(self._steps)
         said = "no known cause explains it"
         if search.cause is not None:
@@ -181,7 +188,8 @@ class ContestAdaptor(KnownVersions):
             then = "other models compete when they have learned" if over else then
             self.backoff.failed(present)
         beaten = (before, self.original)
-        flexible = self.candidates.at_once(self._grey(), beaten, judged[-POOL:])
+        pool = newest_enough(judged, POOL)
+        flexible = self.candidates.at_once(self._grey(), beaten, pool)
         if flexible is not None and not self._fails_before(flexible, experiment):
             origin = f"does better in what was held back from it, {said}"
             return self._learned_by(flexible, origin, experiment, details)
@@ -195,7 +203,7 @@ class ContestAdaptor(KnownVersions):
 
     def _keep(self, search: CauseSearch, judged: Sequence[Experiment], over: bool) -> None:
         """Go on with a search at later experiments."""
-        search.question = replace(search.question, pool=judged[-POOL:])
+        search.question = replace(search.question, pool=newest_enough(judged, POOL))
         self.search = CauseSearch(self.candidates, search.question, True) if over else search
 
     def _learned_by(
@@ -212,7 +220,13 @@ class ContestAdaptor(KnownVersions):
         """What explains this experiment; a search that goes on already leaves no time for two."""
         versions = (self.model, *reversed(self.earlier))
         due = self.backoff.due and self.search is None
-        about = self._recent(experiment), experiment, self._elsewhere, due
+        told = [experiment]
+        if too_short(told):
+            lasting = (self.model, self.original)
+            recent = self._recent(experiment)
+            failed = (e for e in recent if not any(explains(m, e) for m in lasting))
+            told = newest_enough([*failed, experiment])
+        about = self._recent(experiment), told, self._elsewhere, due
         return Question(self._grey(), versions, self.learned_from, *about, pool=())
 
     def _reason(self, before: Model, experiment: Experiment, origin: str, sure: bool = True) -> str:

@@ -125,9 +125,14 @@ def errs_less(left: Sequence[Samples], present: float, learned: int = 0) -> bool
     return count * math.log(present / error) / 2 > price
 
 
-def gains(model: GreyBoxModel, present: Model, experiment: Experiment) -> bool:
-    """Whether one that has learned from an experiment pays there."""
-    return pays(model, present, [experiment], learned=model.box.size)
+def explains_all(model: Model, experiments: Sequence[Experiment]) -> bool:
+    """Whether it explains each of these."""
+    return all(explains(model, e) for e in experiments)
+
+
+def gains(model: GreyBoxModel, present: Model, learned: Sequence[Experiment]) -> bool:
+    """Whether one that has learned from experiments pays there."""
+    return pays(model, present, learned, learned=model.box.size)
 
 
 def fails_before(

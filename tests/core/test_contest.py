@@ -319,7 +319,7 @@ def test_a_search_ends_where_causes_in_force_explain_what_it_is_about():
     worn = Plant(wearing("unbalance", "e", 0.012), experiments=8, seed=3)
     other = worn.experiment(worn.schedule.changes[0])
     for pool, there in (([first, other], True), ([first], False)):
-        about = [adaptor.model], (), (), other, False, True, pool
+        about = [adaptor.model], (), (), [other], False, True, pool
         adaptor.search = CauseSearch(adaptor.candidates, Question(adaptor.model, *about))
         assert adaptor.search.settled(adaptor.model) is not there
         told = twin.step(second if there else third).adaptation
@@ -333,7 +333,7 @@ def test_what_a_search_has_found_is_kept_until_it_competes():
     twin = ldt.Twin("rotor", model="auto")
     twin.step(plant.experiment(1))
     adaptor, other = twin.adaptor, plant.experiment(plant.schedule.changes[0])
-    about = [adaptor.model], (), (), other, False, True, [other]
+    about = [adaptor.model], (), (), [other], False, True, [other]
     search = CauseSearch(adaptor.candidates, Question(adaptor.model, *about))
     assert search.go_on(100_000_000)
     found = search.models
@@ -372,7 +372,7 @@ def test_flexible_models_wait_for_no_search():
     first, second, third = (plant.experiment(change + i) for i in range(3))
     twin = ldt.Twin(short, model="auto")
     adaptor = twin.adaptor
-    about = [adaptor.model], (), (), second, False, True, [first, second]
+    about = [adaptor.model], (), (), [second], False, True, [first, second]
     asked = Question(adaptor.model, *about)
     search = adaptor.search = CauseSearch(adaptor.candidates, asked, over=True)
     assert not search.go_on(1)
@@ -394,7 +394,7 @@ def test_other_models_do_not_wait_for_the_end_of_a_long_search(monkeypatch):
     plant = Plant(short, experiments=8, seed=3)
     other = plant.experiment(plant.schedule.changes[0])
     adaptor = ldt.Twin(short, model="auto").adaptor
-    about = [adaptor.model], (), (), other, False, True, [other]
+    about = [adaptor.model], (), (), [other], False, True, [other]
     search = CauseSearch(adaptor.candidates, Question(adaptor.model, *about))
     while not search.models:
         assert not search.go_on(1)
