@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from ldt_core.base.sentences import listed, spoken
 from ldt_core.diagnosis.diagnosis import Gap, GapLocation, HeldOutErrors, ParameterAmount
+from ldt_core.diagnosis.thresholds import THRESHOLDS
 
 COMMON_RANGE = 0.5  # of two ranges together: where both hold more, one of them is said
 WHOLE_GAP = 0.9  # share of the gap in a place: with less, the share is said
@@ -30,6 +31,13 @@ def sentence(
             a free run from angle 0 is no better with them.
         spent: whether the search ended at its limit of work.
     """
+    if kind == "none" and gap.before.rmse**2 > THRESHOLDS.plainly_structured * gap.noise_std**2:
+        return (
+            f"No gap: within its tolerances, the machine file of {machine} explains the speed to "
+            f"the noise ({gap.noise_std:.3g} rad/s) from start states that were fitted. As nobody "
+            "measured these, its free runs of held-out experiments err by "
+            f"{gap.before.rmse:.3g} rad/s."
+        )
     if kind == "none":
         return (
             f"No gap: on held-out experiments the machine file of {machine} predicts the speed to "

@@ -50,3 +50,13 @@ def test_where_an_unbalance_acts_at_steady_speeds_is_said_if_it_is_elsewhere():
         place(28.3, 31.0, 0.9), steady
     )
     assert "steady" not in told(place(17.0, 29.0, 0.9), steady)
+
+
+@pytest.mark.parametrize(("rmse", "is_noise"), [(0.11, True), (1.8, False)])
+def test_an_error_far_beyond_the_noise_is_never_said_to_be_the_noise(rmse, is_noise):
+    """A foundation that still swung was "predicted to 0.18 rad/s, which is the noise (0.016)"."""
+    error = HeldOutErrors(rmse, 2 * rmse)
+    words = sentence("rig", "none", [], {}, replace(GAP, before=error, after=error), (), None)
+    assert words.startswith("No gap")
+    assert ("which is the noise" in words) is is_noise
+    assert f"{rmse:g} rad/s" in words
