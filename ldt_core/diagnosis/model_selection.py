@@ -171,7 +171,8 @@ def worth_more(
     """Whether what a larger set gains over a smaller one earns it its further members.
 
     Args:
-        departing: True leaves out what laws that depart could explain as well.
+        departing: True leaves out what laws that depart could explain as well, and what is a small
+            part of the gap.
     """
     band = found.band
     # What only departures gain, of which a larger set has more, no further effect has explained.
@@ -189,7 +190,7 @@ def worth_more(
     # one exact law nearly explains. Two may mend any law.
     one = len(larger.effects) == len(smaller.effects) + 1
     if left > plainly or exact > THRESHOLDS.nearly_all_of_remainder * rest:
-        whole |= one and gain > THRESHOLDS.relative * left
+        whole |= one and not departing and gain > THRESHOLDS.relative * left
     if not exact > THRESHOLDS.least_gap * band.samples:
         return False  # what matters to no prediction
     if earned(smaller.effects, larger.effects, gain, left, gap, whole):

@@ -371,6 +371,8 @@ def test_what_takes_nearly_all_that_is_left_is_named_however_small_a_part_of_the
     for share, named in ((0.92, True), (0.88, False)):
         larger = fitted("motor_constant", "viscous_friction", left=(1 - share) * left)
         assert worth_more(found, smaller, larger, GAP) is named
+        # Where quite different laws do as well, so small a part has no name.
+        assert not worth_more(found, smaller, larger, GAP, departing=True)
 
 
 @pytest.mark.parametrize(("beyond", "named"), [(5.0, True), (3.0, False)])
