@@ -384,16 +384,15 @@ class EffectSetSearch(SetFits):
         tries = []
         for leave in range(len(base.effects)):
             rest = self._without(base, leave)
-            tried = [] if self.spent else self.additions(rest, RIVALS + 1, RIVAL_CLOSE)
-            tries += [self._with(rest, c, z) for c, z in tried if c.name not in base.names]
+            more = [] if self.spent else self.additions(rest, RIVALS + 1, RIVAL_CLOSE)
+            tries += [self._with(rest, c, z) for c, z in more if c.name not in base.names]
         # A law of fewer parameters, and what no recording tells from a member, whatever it costs.
         plain = self._with_plainer_laws(base)
         tries += [t for b in (base, *plain) for t in self._with_twins(b)]
-        self._scout(tries)
-        best, count = frozenset(base.names), len(base.effects)
+        fitted, best, count = self.found.scouted, frozenset(base.names), len(base.effects)
+        tried = {frozenset(f.names) for f in [*plain, *self._scout(tries)]}
         # Whatever led to them: what promises little where the rest has gone astray may do as well.
-        near = (f for n, f in self.found.scouted.items() if len(n) == count == len(n & best) + 1)
-        scouted = self.found.scouted.get(best, base)
-        found = [*plain, *(f for f in near if f not in plain)]
+        tried |= {n for n in fitted if len(n) == count == len(n & best) + 1}
+        scouted, found = fitted.get(best, base), [f for n, f in fitted.items() if n in tried]
         close = [f for f in found if self._near(f, scouted) or self._plainer(f, scouted)]
         return [self.finish(f) for f in sorted(close, key=lambda f: f.loss)[:FINISHED_RIVALS]]

@@ -14,6 +14,7 @@ from ldt_core.diagnosis.effect_fit import EffectFit
 from ldt_core.diagnosis.effect_set_search import EffectSetSearch
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
 from ldt_core.diagnosis.responses import Responses
+from ldt_core.diagnosis.set_fits import TriedSet
 
 TRIED = ("coulomb_friction", "viscous_friction", "quadratic_drag", "inertia", "sensor_gain")
 SAMPLES = 30
@@ -92,3 +93,19 @@ def test_an_effect_is_promised_at_its_own_size_however_small(name, parameter, ne
     effect, z, gain = next(p for p in promised if p[0].name == name)
     assert gain > 0
     assert effect.given(z)[parameter] - neutral == pytest.approx(size, rel=0.3)
+
+
+def test_a_twin_beside_a_plainer_law_competes_too():
+    """It differs from the set in two members; it was fitted and then left out."""
+    effects = "armature_resistance:factor=1.5", "coulomb_friction:torque=0.2"
+    names = ("armature_resistance", "source_resistance", "coulomb_friction", "stribeck_friction")
+    measured = record(MOTOR, *effects, count=4)
+    search = EffectSetSearch(FreeRunResiduals(MOTOR, measured), candidates(MOTOR, names))
+    search.twins = {names[0]: {names[1]}, names[1]: {names[0]}}
+    search.run()
+    known = {c.name: c for c in search.candidates}
+    members = [known[names[0]], known[names[3]]]
+    (base,) = search._scout([TriedSet(members, [c.starts()[-1] for c in members])])
+    found = [frozenset(f.names) for f in search.alternatives(base)]
+    assert frozenset([names[1], names[2]]) in found
+    assert len(found) == len(set(found))
