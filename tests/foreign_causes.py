@@ -72,13 +72,6 @@ def belt(t: float, y: Array, u: Array) -> Array:
     return motor(y, u, -pull, (pull - 1e-4 * y[3]) / 4e-4, J=6e-4, b=2e-4)
 
 
-def backlash(t: float, y: Array, u: Array) -> Array:
-    turned = y[0] - y[3]
-    pressed = np.sign(turned) * np.maximum(np.abs(turned) - 0.3, 0.0)
-    pull = 8.0 * pressed + 0.02 * (pressed != 0) * (y[1] - y[4])
-    return motor(y, u, -pull, y[4], (pull - 1e-4 * y[4]) / 4e-4, J=6e-4)
-
-
 def film(t: float, y: Array, u: Array) -> Array:
     """Friction under a film of oil that takes half a second to form."""
     friction = 0.03 * np.tanh(y[1]) * (1 - 0.8 * y[3])
@@ -124,7 +117,6 @@ CAUSES: Mapping[str, tuple[Callable[[float, Array, Array], Array], int]] = {
     "saturation": (saturation, 0),
     "governor": (governor, 0),
     "belt": (belt, 1),
-    "backlash": (backlash, 2),
     "film": (film, 1),
     "bristles": (bristles, 1),
     "battery": (battery, 1),

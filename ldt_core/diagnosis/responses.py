@@ -145,7 +145,7 @@ class Responses:
             return []
         for i, c in enumerate(self.candidates):
             own = np.flatnonzero(self.owner == i)
-            other = [j for j, p in enumerate(c.parameters) if p.unit != "rad"]
+            other = [j for j, p in enumerate(c.parameters) if not p.cyclic]
             if len(other) == len(c.parameters) or not self.residuals.angular([c.effect]):
                 continue
             same: dict[bytes, list[int]] = {}

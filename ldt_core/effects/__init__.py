@@ -37,9 +37,9 @@ _FILES = {
         "input_deadzone",
         "input_delay",
     ),
-    "shaft": ("inertia", "cogging_torque", "torsional_compliance"),
+    "shaft": ("inertia", "cogging_torque", "torsional_compliance", "backlash"),
     "foundation": ("unbalance", "foundation_stiffness", "foundation_damping"),
-    "load": ("constant_load", "gravity_imbalance"),
+    "load": ("constant_load", "gravity_imbalance", "spring_load"),
     "sensor": ("sensor_gain", "sensor_bias", "sensor_lag"),
 }
 

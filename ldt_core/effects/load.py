@@ -16,6 +16,10 @@ def _gravity(t, theta, omega, current, voltage, p):
     return -p[0] * math.cos(theta + p[1])
 
 
+def _spring(t, theta, omega, current, voltage, p):
+    return -p[0] * theta
+
+
 CONSTANT_LOAD = Effect(
     name="constant_load",
     description="a hoist's load: pulls against positive rotation, also at rest",
@@ -41,4 +45,21 @@ GRAVITY_IMBALANCE = Effect(
     needs=("J",),
     fastest=lambda values, voltage, torque, phase: math.sqrt(torque / values["J"]),
     reference="Genta, Dynamics of Rotating Systems, chapter on the Jeffcott rotor (its weight)",
+)
+
+SPRING_LOAD = Effect(
+    name="spring_load",
+    description="a return spring, as of a valve, that is relaxed where the experiment starts",
+    equation="torque = -k theta; theta counts from the experiment's start",
+    parameters=(
+        Parameter(
+            "stiffness", "N m/rad", 0.0, default=0.0, description="of the spring, k", scale=0.05
+        ),
+    ),
+    typical={"stiffness": 0.05},
+    search={"stiffness": (0.001, 0.005, 0.02, 0.1, 0.5)},
+    torque=_spring,
+    needs=("J",),
+    fastest=lambda values, voltage, stiffness: math.sqrt(stiffness / values["J"]),
+    reference="Inman, Engineering Vibration, chapter 1 (torsional spring)",
 )

@@ -11,6 +11,9 @@ from ldt_core.physics.parameter import Parameter
 
 LEAST_SHARE = 1e-30  # of the inertia at the far end, in place of a division by none
 STEPS_PER_RADIAN = 2  # of a ripple's phase: 13 integration steps a period
+STEPS_PER_CONTACT = 4  # integration steps in a radian of its swing: speeds are 0.1 % off at most
+SOFT = 0.005  # of the slack: how far ends are pressed before they take half of their damping
+LEAST_TWIST = 1e-12  # [rad]: in place of a division by none
 
 
 def _cogging(t, theta, omega, current, voltage, p):
@@ -38,6 +41,32 @@ def _compliance_rate(values, voltage, share, stiffness, damping):
     if share == 0.0:
         return 0.0
     return fastest_root(damping / relative, stiffness / relative)
+
+
+def _backlash(t, theta, omega, current, voltage, p, state, rate):
+    stiffness, near = p[2], p[4]
+    share = max(p[0], LEAST_SHARE)
+    there = p[0] / share
+    far = near * share / (1.0 - share)
+    twist, free = theta - state[0], 0.5 * p[1]
+    pressed = max(twist - free, 0.0) + min(twist + free, 0.0)
+    deep = abs(pressed)
+    side = pressed / max(deep, LEAST_TWIST)  # -1, 0 or 1
+    damping = p[3] * deep / max(deep + SOFT * p[1], LEAST_TWIST)
+    # Its ends push and never pull.
+    push = max(stiffness * deep + damping * side * (omega - state[1]), 0.0)
+    moment = there * side * push
+    rate[0] = there * state[1]
+    rate[1] = moment / far
+    return -moment
+
+
+def _backlash_rate(values, voltage, share, slack, stiffness, damping):
+    if share == 0.0:
+        return 0.0
+    relative = values["J"] * share  # as above
+    swings = STEPS_PER_CONTACT * math.sqrt(stiffness / relative)
+    return max(swings, fastest_root(damping / relative, stiffness / relative))
 
 
 INERTIA = Effect(
@@ -126,4 +155,47 @@ TORSIONAL_COMPLIANCE = Effect(
     needs=("J",),
     fastest=_compliance_rate,
     reference="Inman, Engineering Vibration, chapter 4 (several degrees of freedom: torsion)",
+)
+
+BACKLASH = Effect(
+    name="backlash",
+    family="inertia",
+    description="part of the inertia sits behind a gear or a coupling with free play",
+    equation="J := (1 - s) J; torque = -M, s J omega_far' = M; beyond half of the slack M = "
+    "k (theta - theta_far -+ slack / 2) + d (omega - omega_far), never a pull; "
+    "theta_far begins at theta",
+    parameters=(
+        Parameter("share", "", 0.0, 0.95, 0.0, "part of the inertia at the far end, s", scale=0.5),
+        Parameter(
+            "slack", "rad", 0.0, default=0.2, description="free play at this shaft", scale=0.2
+        ),
+        Parameter(
+            "stiffness",
+            "N m/rad",
+            0.0,
+            default=30.0,
+            description="of the contact, k",
+            open_low=True,
+            scale=30.0,
+        ),
+        Parameter(
+            "damping", "N m s/rad", 0.0, default=0.1, description="of the contact, d", scale=0.1
+        ),
+    ),
+    typical={"share": 0.5},
+    search={
+        "share": (0.2, 0.6),
+        "slack": (0.03, 0.06, 0.12, 0.25, 0.5, 1.0),
+        "stiffness": (30.0,),
+        "damping": (0.1,),
+    },
+    most_factor=1000.0,
+    on_parameters=lambda values, share, slack, stiffness, damping: scaled(values, 1.0 - share, "J"),
+    torque=_backlash,
+    states=("theta_far", "omega_far"),
+    initial=lambda state, share, slack, stiffness, damping: (state[0], state[1]),
+    needs=("J",),
+    fastest=_backlash_rate,
+    reference="Nordin, Gutman, Controlling mechanical systems with backlash, a survey, "
+    "Automatica 38 (2002) 1633",
 )

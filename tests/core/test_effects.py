@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import re
 import subprocess
@@ -181,6 +182,54 @@ def test_a_coupling_is_the_linear_two_mass_system():
     np.testing.assert_allclose(states[:, -1], [x[3] for x in exact], atol=1e-6)
     stiff = free_run(ROTOR, held(8, 1), "torsional_compliance:share=0.4,stiffness=5000,damping=1")
     np.testing.assert_allclose(stiff[1], free_run(ROTOR, held(8, 1))[1], atol=0.02)
+
+
+def test_a_spring_holds_the_shaft_where_the_motor_at_standstill_balances_it():
+    """K_t V / R = k theta, both ways."""
+    stall = MOTOR.parameters["K_t"] / MOTOR.parameters["R"]
+    for volts in (12.0, -6.0):
+        states, _ = free_run(MOTOR, held(volts, 60), "spring_load:stiffness=0.01")
+        assert states[-1, 0] == pytest.approx(stall * volts / 0.01, rel=1e-6)
+
+
+def test_a_backlash_lets_the_motor_turn_alone_through_its_play():
+    """Until the twist is half of it, as a motor without the far end; closed, as with it."""
+    effect = "backlash:share=0.4,slack=0.5,stiffness=100,damping=0.2"
+    states, _ = free_run(MOTOR, held(6, 2, 0.001), effect, period=0.001)
+    alone, _ = free_run(MOTOR, held(6, 2, 0.001), "inertia:factor=0.6", period=0.001)
+    twist = states[:, 0] - states[:, -2]
+    free = int(np.argmax(twist > 0.25))
+    assert 10 < free < 200
+    np.testing.assert_allclose(states[:free, 1], alone[:free, 1], rtol=1e-4)
+    assert np.all(states[:free, -1] == 0)
+    rigid, _ = free_run(MOTOR, held(6, 2, 0.001), period=0.001)
+    assert states[-1, 1] == pytest.approx(rigid[-1, 1], rel=1e-3)
+
+
+def test_a_backlash_without_play_is_a_coupling():
+    """Whose ends are pressed together where they would be drawn apart."""
+    same = "share=0.4,stiffness=3,damping=0.02"
+    without = free_run(ROTOR, held(8, 1), f"backlash:slack=0,{same}")[1]
+    coupling = free_run(ROTOR, held(8, 1), f"torsional_compliance:{same}")[1]
+    np.testing.assert_allclose(without, coupling, atol=0.05)
+
+
+@given(
+    share=st.floats(0.05, 0.9),
+    slack=st.floats(0, 2),
+    stiffness=st.floats(1, 1000),
+    damping=st.floats(0, 1),
+)
+def test_a_backlash_creates_no_energy(share, slack, stiffness, damping):
+    """A motor without friction that turns alone keeps no more than it had: its ends only push."""
+    free = dataclasses.replace(MOTOR, parameters={**MOTOR.parameters, "K_t": 1e-9, "b": 0.0})
+    use = f"backlash:{share=!r},{slack=!r},{stiffness=!r},{damping=!r}"
+    states, _ = free_run(free, held(0, 0.5), use, speed=20.0)
+    rotor = (1 - share) * free.parameters["J"] * states[:, 1] ** 2
+    load = share * free.parameters["J"] * states[:, -1] ** 2
+    pressed = np.maximum(np.abs(states[:, 0] - states[:, -2]) - slack / 2, 0)
+    energy = rotor + load + stiffness * pressed**2
+    assert energy.max() <= energy[0] * (1 + 1e-3)
 
 
 @pytest.mark.slow

@@ -12,7 +12,7 @@ import numpy as np
 
 from ldt_core.base.errors import LdtError, OptionError, did_you_mean
 from ldt_core.base.experiment import Experiment, rms
-from ldt_core.lab.challenge.law import Law
+from ldt_core.lab.challenge.law import PHASE, Law
 from ldt_core.lab.challenge.law_fitting import nearest, size_for
 from ldt_core.lab.challenge.laws import LAWS, OUTSIDE
 from ldt_core.lab.challenge.rig import (
@@ -293,9 +293,9 @@ def _parameters(fitted: Acting, setting: CaseSetting) -> dict[str, Any]:
     """The library's parameters with units; null what has no one value in all experiments."""
     known = {}
     for name, unit in fitted.law.units.items():
-        wanders = unit == "rad" and setting.start != "rest"
+        wanders = name == PHASE and setting.start != "rest"
         value = None if wanders else fitted.values[name]
-        if value is not None and unit == "rad":
+        if value is not None and name == PHASE:
             value = math.remainder(value, 2 * math.pi)
         known[name] = {"value": value, "unit": unit}
     return known

@@ -48,6 +48,7 @@ _FIELDS = {
         *("load", "load_growth", "load_angle", "cog", "cog_periods", "cog_phase"),
         *("cog_second", "cog_second_phase", "gravity", "gravity_phase", "gravity_second"),
         *("pulse", "pulse_rate", "pulse_phase", "window", "window_from", "window_to"),
+        *("spring", "spring_rise", "spring_angle"),
         *("belt", "belt_order", "belt_phase", "hysteresis", "hysteresis_width"),
     ),
     "shaft": (
@@ -84,7 +85,13 @@ def ideal(known: Mapping[str, float]) -> Any:
             p[name] = known[name]
     for name in ("weakening_speed", "stribeck_speed", "contact_current", "flux_current"):
         p[name] = 1.0
-    for name in ("inductance_current", "brush_current", "load_angle", "time_winding"):
+    for name in (
+        "inductance_current",
+        "brush_current",
+        "load_angle",
+        "spring_angle",
+        "time_winding",
+    ):
         p[name] = 1.0
     for name in ("time_housing", "drag_speed", "band_width", "hysteresis_width", "gain"):
         p[name] = 1.0

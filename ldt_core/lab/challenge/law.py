@@ -13,6 +13,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+PHASE = "phase"  # the parameter that is an angle of a whole turn, and follows where a shaft starts
+
 Numbers = Mapping[str, float]
 Random = np.random.Generator
 Draw = Callable[[Random, Numbers], dict[str, float]]
@@ -36,6 +38,7 @@ class Law:
         needs: "" for every machine, "rotor", or "eccentric": a rotor with known unbalance.
         reversing: shows only when the machine turns both ways.
         pausing: shows only where the command is 0 at times.
+        from_rest: of the library's form only where each experiment starts at rest, at one angle.
         quick: of the library's form only where the current settles within a sample or so.
         kept: parameters that are exact as they are and not fitted.
         place: (values, shape, machine's parameters) → where the law acts, if only in a region.
@@ -52,6 +55,7 @@ class Law:
     needs: str = ""
     reversing: bool = False
     pausing: bool = False
+    from_rest: bool = False
     quick: bool = False
     kept: tuple[str, ...] = ()
     place: Callable[[Numbers, Numbers, Numbers], dict[str, Any] | None] | None = None

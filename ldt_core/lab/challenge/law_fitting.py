@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ldt_core.base.arrays import Array
-from ldt_core.lab.challenge.law import Law
+from ldt_core.lab.challenge.law import PHASE, Law
 from ldt_core.lab.challenge.rig import PROBES, Acting, CaseBench
 from ldt_core.lab.challenge.simulation import Unsteady
 
@@ -132,7 +132,7 @@ def nearest(bench: CaseBench, acting: Sequence[Acting]) -> Nearest:
 
 
 def _scale(acting: Acting, name: str) -> float:
-    if acting.law.units[name] == "rad":
+    if name == PHASE:
         return ANGLE_SCALE
     return max(abs(acting.values[name]), 1e-9)
 

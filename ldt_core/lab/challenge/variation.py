@@ -101,7 +101,8 @@ def draw_setting(
     if pausing or random.random() < PAUSING:
         one, two = (replace(v, pauses=PAUSES * (v.kind in STEPPED)) for v in voltages)
         voltages = one, two
-    drawn_start = start or STARTS[random.choice(len(STARTS), p=STARTING)]
+    any_start = STARTS[random.choice(len(STARTS), p=STARTING)]
+    drawn_start = start or ("rest" if any(law.from_rest for law in laws) else any_start)
     if drawn_start == "cut" and kind == "closed_loop":  # its controller begins with each record
         drawn_start = "running"
     length = samples if physics == MOTOR else round(samples * USUAL / period)

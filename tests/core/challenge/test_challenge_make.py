@@ -227,8 +227,9 @@ def test_the_command_prints_the_hash_first(tmp_path):
 
 
 def test_the_key_knows_the_noise_as_it_fell_out_on_further_experiments():
-    """What was recorded is the motion plus just that."""
-    plan = plan_case("single", ["constant_load"], seed=(6,), samples=400)
+    """What was recorded by a sensor without steps is the motion plus just that."""
+    plan = plan_case("single", ["constant_load"], seed=(7,), samples=400)
+    assert plan.setting.quantum == 0
     bench = CaseBench(plan.setting)
     quiet = bench.speeds(plan.acting, FURTHER)
     for number, speed, e in zip(FURTHER, quiet, plan.further(), strict=True):

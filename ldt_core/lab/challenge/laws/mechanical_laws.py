@@ -77,6 +77,29 @@ def _compliance(p, v, s, odd):
     p["coupling_cubic"] = odd * s["cubic"] * v["stiffness"] ** 2
 
 
+def _backlash_values(size, s, known):
+    relative = known["J"] * s["share"] * (1.0 - s["share"])
+    damping = 2.0 * s["damping"] * math.sqrt(s["stiffness"] * relative)
+    return {"share": s["share"], "slack": size, "stiffness": s["stiffness"], "damping": damping}
+
+
+@mechanical(
+    "backlash",
+    {"share": "", "slack": "rad", "stiffness": "N m/rad", "damping": "N m s/rad"},
+    (0.02, 0.6),
+    # as above; of a blow's 10 N m, teeth are up to twice as stiff
+    drawn(
+        share=(0.3, 0.6), stiffness=(40.0, 80.0), damping=(0.03, 0.25), cubic=(0.002, 0.01), J="J"
+    ),
+    _backlash_values,
+    family="inertia",
+    reversing=True,
+)
+def _backlash(p, v, s, odd):
+    _compliance(p, v, s, odd)
+    p["backlash"] = v["slack"] / 2
+
+
 def _unbalance_place(v, s, known):
     """Speeds at which the unbalance takes a tenth or more of its largest torque below 50 rad/s.
 
@@ -163,3 +186,16 @@ def _hanging(random):
 def _gravity(p, v, s, odd):
     p["gravity"], p["gravity_phase"] = v["torque"], v["phase"]
     p["gravity_second"] = odd * s["second"]
+
+
+# A spring that becomes stiffer, or softer, the further it is turned.
+@mechanical(
+    "spring_load",
+    {"stiffness": "N m/rad"},
+    (0.0003, 2.0),
+    drawn(rise=Signed(0.03, 0.15), angle=(3.0, 30.0)),
+    from_rest=True,
+)
+def _spring(p, v, s, odd):
+    p["spring"] = v["stiffness"]
+    p["spring_rise"], p["spring_angle"] = odd * s["rise"], s["angle"]

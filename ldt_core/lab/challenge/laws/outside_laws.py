@@ -60,20 +60,6 @@ def _window(p, v, s, odd):
     p["window"], p["window_from"], p["window_to"] = v["torque"], s["from"], s["to"]
 
 
-@outside(
-    "backlash",
-    "gap",
-    (0.01, 1.0),
-    drawn(share=(0.3, 0.6), stiffness=(40.0, 80.0), J="J"),
-    family="inertia",
-    reversing=True,
-)
-def _backlash(p, v, s, odd):
-    p["far"] = s["share"] * s["J"]
-    p["J"] -= p["far"]
-    p["coupling"], p["coupling_damping"], p["backlash"] = s["stiffness"], 0.05, v["gap"]
-
-
 @outside("speed_hysteresis", "torque", (0.005, 2.0), drawn(width=(3.0, 6.0)))
 def _hysteresis(p, v, s, odd):
     p["hysteresis"], p["hysteresis_width"] = v["torque"], s["width"]

@@ -163,7 +163,7 @@ def _measure(effect: str, name: str) -> str:
         p = next(p for p in get_effect(effect).parameters if p.name == name)
     except (StopIteration, LdtError):
         return "size"
-    if p.unit == "rad":
+    if p.cyclic:
         return "angle"
     return "factor" if p.unit == "" and p.default == 1.0 and p.open_low else "size"
 
