@@ -29,6 +29,10 @@ NEWS = 1.5
 ROUNDING = 1e-9
 #: Fewer samples than this do not show how rough they are.
 LEAST_SAMPLES = 20
+#: Samples that tell the parameters of a machine and a cause apart: ten for each of some ten (F. E.
+#: Harrell, "Regression Modeling Strategies", 2nd edition 2015, section 4.4). From 50 to
+#: 200, what experiments of 50 samples leave of the error is the same within a tenth.
+ENOUGH_TO_LEARN = 100
 
 
 class Adequacy(Detector):
@@ -36,9 +40,9 @@ class Adequacy(Detector):
 
     Two questions are judged apart. *Does the model explain this experiment?* Neighbouring samples
     of what noise leaves agree in sign as often as not, and so does each with the voltage's last
-    steps (`estimation.misfit`); samples of which the model claims to know less count less. *Has the
-    machine changed?* is asked where it does not: against the experiments since learning was first
-    tried and did not help.
+    steps; its largest samples lie anywhere (`estimation.misfit`). Samples of which the model claims
+    to know less count less. *Has the machine changed?* is asked where it does not: against the
+    experiments since learning was first tried and did not help.
 
     | state | what is known | answer |
     |---|---|---|
@@ -50,9 +54,10 @@ class Adequacy(Detector):
     | `inadequate` | it does not, learning was tried and no better model was found | warning |
     | `new_range` | it does not, but only where it never was right | negative, then positive |
 
-    In the state `inadequate` learning is tried again, positive, after 1, 2, 4, 8 ... experiments,
-    and at once where the residuals are no longer like those since the first trial, or `NEWS` times
-    as large as any that learning was tried on. So it is in the state `learning`, where the residual
+    In the state `inadequate` learning is tried again, positive, after 1, 2, 4, 8 ... experiments
+    (in each, as long as they have fewer than `ENOUGH_TO_LEARN` samples together). It is tried at
+    once where the residuals are no longer like those since the first trial, or `NEWS` times as
+    large as any that learning was tried on. So it is in the state `learning`, where the residual
     is no noise; once learning has not helped there, the experiments between are `inadequate`.
     Nothing is learned as usual from experiments that the model has not explained.
 
@@ -65,16 +70,18 @@ class Adequacy(Detector):
     **Guarantee.** While the model in force is the machine's, the mean number of experiments to a
     false positive is at least `false_alarm_every`, if the noise is symmetric about zero and
     independent from sample to sample and of the voltage before. Its law and its scale may be any,
-    and differ from sample to sample; experiments may have any length and any excitation. (Where a
-    prediction begins at a measured sample, its noise must not exceed all others'.) Proof:
-    given the past, an experiment's e-value e_n has mean 1 or less (`estimation.misfit`; what the
-    model claims comes from the past). A positive needs M_n = e_n max(M_(n-1), 1) >= A =
-    `false_alarm_every`. M is an e-detector of the CUSUM type: M_n <= e_n (M_(n-1) + 1) <= S_n for
-    the Shiryaev-Roberts sum S_n = e_n (S_(n-1) + 1), and S_n - n is a supermartingale from 0. By
-    optional stopping the first time T with S_T >= A has E[T] >= E[S_T] >= A (Shin, Ramdas, Rinaldo,
-    "E-detectors", 2022, theorem 2.4). In the state `inadequate` the same holds of `changed`, if the
-    logarithms of the relative errors since the first trial are exchangeable: then their ranks'
-    p-values are independent and uniform, and mean over k of k p^(k-1) is an e-value.
+    and differ from sample to sample, but samples beyond `misfit.FAR` deviations come in no bursts:
+    given how many there are, any order is as likely. Experiments may have any length and any
+    excitation. (Where a prediction begins at a measured sample, its noise must not exceed all
+    others'.) Proof: given the past, an experiment's e-value e_n has mean 1 or less
+    (`estimation.misfit`; what the model claims comes from the past). A positive needs
+    M_n = e_n max(M_(n-1), 1) >= A = `false_alarm_every`. M is an e-detector of the CUSUM type:
+    M_n <= e_n (M_(n-1) + 1) <= S_n for the Shiryaev-Roberts sum S_n = e_n (S_(n-1) + 1), and
+    S_n - n is a supermartingale from 0. By optional stopping the first time T with S_T >= A has
+    E[T] >= E[S_T] >= A (Shin, Ramdas, Rinaldo, "E-detectors", 2022, theorem 2.4). In the state
+    `inadequate` the same holds of `changed`, if the logarithms of the relative errors since the
+    first trial are exchangeable: then their ranks' p-values are independent and uniform, and mean
+    over k of k p^(k-1) is an e-value.
 
     Noise that is not independent within an experiment breaks the first assumption: the first such
     experiment is positive. Learning finds nothing better, and the ranks go on from there.
@@ -122,7 +129,9 @@ class Adequacy(Detector):
         self.explained: Hull = []
         self.seen: Hull = []
         self.last: Hull = []
-        #: The sensor's, as the last experiment that moved enough showed it [rad/s].
+        #: Samples of the last experiment.
+        self.length = 0
+        #: The sensor's step, as the last experiment that moved enough showed it [rad/s].
         self.step = 0.0
         self._voltage: Samples | None = None
         self._speed: Samples | None = None
@@ -158,7 +167,8 @@ class Adequacy(Detector):
             self._clear()
             self.explained = self.last
         elif self.model_state != "learning":
-            self.trials += 1
+            enough = len(self.errors) * self.length >= ENOUGH_TO_LEARN
+            self.trials = self.trials + 1 if enough else 1
             self.wait = 2 ** (self.trials - 1)
             self.unexplained, self.misfit, self.change = 0.0, 0.0, 0.0
         else:
@@ -167,6 +177,7 @@ class Adequacy(Detector):
 
     def judge(self, residual: Samples, deviation: Samples | None) -> Level:
         """The answer to one experiment."""
+        self.length = residual.size
         voltage, self._voltage = self._voltage, None
         speed, self._speed = self._speed, None
         if voltage is None or voltage.size != residual.size:
@@ -196,6 +207,7 @@ class Adequacy(Detector):
         self.signal, self.model_state, self.adequacy = signal.level, signal.state, signal.adequacy
         self.unexplained, self.misfit = told["unexplained"], told["misfit"]
         self.change = told["change"]
+        self.length = len(experiment)
         self.step = sensor_step([experiment.speed]) or self.step
         self._saw(last)
         return True
@@ -241,7 +253,7 @@ class Adequacy(Detector):
         self.adequacy = plain.ratio
         self.unexplained = min(plain.evidence * max(self.unexplained, 1.0), math.exp(MOST_LOG))
         self.misfit = min(found.evidence * max(self.misfit, 1.0), math.exp(MOST_LOG))
-        if self.trials > 0 and found.excess > 0:
+        if self.trials > 0 and (found.excess > 0 or not found.explained):
             return self._inadequate(residual, deviation, voltage)
         if self.trials > 0:
             self._clear()

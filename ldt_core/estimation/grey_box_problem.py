@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -246,7 +247,8 @@ class GreyBoxProblem:
     def explains(self, x: Array, gain: float, step: float) -> bool:
         """Whether the innovations are noise, of a free run the residuals."""
         rest = self.residuals([(x, i) for i in range(len(self.experiments))], gain, step)
-        return self.noise_alone([r[kept] for r, kept in zip(rest, self.keep, strict=True)])
+        kept = [r[kept] for r, kept in zip(rest, self.keep, strict=True)]
+        return self.noise_alone(kept, gain=gain)
 
     def coarse_is_enough(self, x: Array) -> bool:
         """Whether a free run leaves more than noise, and would whatever the integration step.
@@ -260,11 +262,15 @@ class GreyBoxProblem:
                 return False
         return not self.noise_alone([r[keep] for r, keep in zip(fine, self.keep, strict=True)])
 
-    def noise_alone(self, rests: Sequence[Array], unit: float = 1.0) -> bool:
-        """Whether the kept samples of what is left of each experiment, in a unit, are noise."""
+    def noise_alone(self, rests: Sequence[Array], unit: float = 1.0, gain: float = 0.0) -> bool:
+        """Whether the kept samples of what is left of each experiment, in a unit, are noise.
+
+        An observer that is behind catches up within some samples: blows tell nothing of those.
+        """
+        settings = [replace(s, quiet=math.inf) if gain > 0 else s for s in self.settings]
         return all(
             misfit(rest, None, under.part(kept, unit)).explained
-            for rest, under, kept in zip(rests, self.settings, self.keep, strict=True)
+            for rest, under, kept in zip(rests, settings, self.keep, strict=True)
         )
 
     def point(self, q: Array) -> Array:

@@ -4,7 +4,8 @@ Noise that is independent from sample to sample and symmetric about zero has ran
 the magnitudes, every product of neighbours is as often positive as negative. What a model leaves
 lasts for more than one sample, and makes these products positive. What lasts for less than a sample
 period follows the voltage: noise knows nothing of it, and its signs agree with the voltage's last
-steps as often as not.
+steps as often as not. What swings within three to six samples makes the products of samples two
+apart negative, and what comes in blows is far out for some samples in a row, whatever their signs.
 """
 
 from __future__ import annotations
@@ -17,12 +18,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldt_core.base.arrays import Array
-from ldt_core.estimation.noise import NORMAL_MEDIAN, roughness, sensor_step, white_noise
+from ldt_core.estimation.noise import NORMAL_MEDIAN, noise_beside_steps, roughness, sensor_step
 from ldt_core.estimation.noise import ROUNDING as ROUNDED
 
 #: Variance that a model may leave beyond the noise, as a part of the noise's, and still explain an
 #: experiment: with 0.2 a prediction is at most 10 % worse than the best there can be.
 TOLERATED = 0.2
+#: Least correlation of samples two apart that noise may have: that of a speed which central
+#: differences take from an angle with white noise.
+TOLERATED_SWING = -0.5
 #: What a model claims not to know is believed up to so many of its standard deviations.
 BELIEVED = 3.0
 #: Sizes, in standard deviations, of the misfits that the e-value is sensitive to.
@@ -42,9 +46,13 @@ CLEAR = 1.0
 #: doubt whether an experiment tells enough.
 BY_CHANCE, DOUBT = 3.0, 2.0
 #: Two neighbours beyond so many deviations of the noise on one side are no noise of any usual law.
+#: With half of it, noise in proportion to the speed would come in blows.
 FAR = 10.0
 #: Bets on the sign of a sample of `FAR` deviations: what is won or lost, of what one has.
 BETS = (-0.9, -0.5, 0.5, 0.9)
+#: Samples within which far ones lie close together in a blow, and how many times the odds are
+#: higher there, of the blows that the e-value is sensitive to.
+CLOSE, CLOSER = (1, 5, 25), (2.0, 8.0, 32.0)
 #: Part of the largest step of the voltage from which on a step counts as a large one.
 LARGE_STEP = 0.5
 #: Noise [of a sensor's step] from which on its rounding is white: half a step of noise, and with it
@@ -73,7 +81,7 @@ class Misfit:
         error: variance of what lasts for more than a sample, as a part of the noise's.
         chance: standard deviation of that under noise of one size, whatever its law.
         far: whether neighbours lie together beyond `FAR` deviations of the noise, or most samples
-            behind the voltage's large steps do.
+            behind the voltage's large steps do, or far samples closer together than by chance.
     """
 
     evidence: float
@@ -115,6 +123,9 @@ class Setting:
             steps. Row k holds what has acted before sample k: its noise can have come into no
             voltage there, of a closed loop neither.
         slack: (L,) how far a coarse sensor alone may take a sample [rad/s].
+        quiet: deviation of the measured speed's own noise [rad/s], which no model's error is in; 0
+            where it is not known, infinite where blows are to tell nothing. A fast motion makes it
+            larger.
         start: (L,) what is left of an error in the first sample, as a part of it; 0 where a
             prediction does not begin there.
     """
@@ -122,10 +133,12 @@ class Setting:
     moves: Array
     slack: Array
     start: Array
+    quiet: float = 0.0
 
     def part(self, which: NDArray[np.bool_] | slice, unit: float = 1.0) -> Setting:
         """That of some samples, in a unit of the speed [rad/s]."""
-        return Setting(self.moves[which], self.slack[which] / unit, self.start[which])
+        slack, quiet = self.slack[which] / unit, self.quiet / unit
+        return Setting(self.moves[which], slack, self.start[which], quiet)
 
 
 def setting(
@@ -153,12 +166,13 @@ def setting(
     moves[np.abs(moves) < LEAST_MOVE] = 0.0
     slack = np.zeros(voltage.size)
     step = step if speed is None else sensor_step([speed]) or step
-    if speed is not None and step > 0 and white_noise([speed]) < NOISY * step:
+    quiet = 0.0 if speed is None else noise_beside_steps([speed], step)
+    if speed is not None and step > 0 and quiet < NOISY * step:
         again = np.diff(speed) == 0
         slack[1:][again] = step / 2
         slack[:-1][again] = step / 2
     start = np.zeros(voltage.size) if predicted is None else _left_of_start(voltage, predicted)
-    return Setting(moves, slack, start)
+    return Setting(moves, slack, start, quiet)
 
 
 def _left_of_start(voltage: Array, predicted: Array) -> Array:
@@ -220,12 +234,16 @@ def misfit(residual: Array, deviation: Array | None = None, under: Setting | Non
     section 2.2). S is lessened by the tolerated misfit, and samples of which the model claims to
     know less count less: so many of its deviations as are believed come to the tolerated misfit.
 
-    With a setting half of it is a mean over bets b on the sign of each sample times what has moved
-    the machine: prod(1 + b s_k), s_k that product in parts of its largest. Given all sizes, of
-    which the median is the unit, the signs are fair, and each factor has the mean 1. It is divided
-    by what the tolerated misfit would win. What follows the movements does not count as noise. What
-    a coarse sensor may have rounded off is taken off beforehand, and what noise in the first sample
-    may have made of a prediction that begins there: one unknown, fitted, no larger than the noise.
+    With a setting a quarter of it is the same of samples two apart, with the other sign. Another
+    quarter is a mean over bets b on the sign of each sample times what has moved the machine:
+    prod(1 + b s_k), s_k that product in parts of its largest. Given all sizes, of which the median
+    is the unit, the signs are fair, and each factor has the mean 1. It is divided by what the
+    tolerated misfit would win. What follows the movements does not count as noise. What a coarse
+    sensor may have rounded off is taken off beforehand, and what noise in the first sample may have
+    made of a prediction that begins there: one unknown, fitted, no larger than the noise.
+
+    It is multiplied by the e-value of how close together the samples far out lie. That has a mean
+    of 1 where the sizes come in any order equally likely; as all the rest has, given that order.
 
     Args:
         residual: (L,) measured minus predicted, L >= 2.
@@ -242,15 +260,42 @@ def misfit(residual: Array, deviation: Array | None = None, under: Setting | Non
     if under is not None and under.slack.any():
         told = residual - np.clip(residual, -under.slack, under.slack)
         told /= math.sqrt(noise)
-    row, relative = told, square
+    row, relative, claimed = told, square, np.zeros(1)
     if deviation is not None:
         claimed = (deviation**2 - float(np.min(deviation)) ** 2) / noise
         row = told * (1.0 / np.sqrt(1.0 + BELIEVED**2 / TOLERATED * claimed))
         relative = square / (1.0 + claimed)
     products = row[:-1] * row[1:]
-    surplus, squares = products - TOLERATED, np.square(products)
+    evidence, excess = _signed(products, TOLERATED)
+    far = bool(np.max(told[:-1] * told[1:]) > FAR**2)
+    # Products of independent samples are uncorrelated: of any law, their mean varies by this much.
+    chance = 1 / math.sqrt(products.size)
+    quiet = 0.0
+    if under is not None:
+        apart = -row[:-2] * row[2:]
+        swings = _signed(apart, -TOLERATED_SWING)[0] if apart.size else 1.0
+        evidence = (2 * evidence + _followed(row, under.moves) + swings) / 4
+        quiet = under.quiet / math.sqrt(noise)
+        far = far or _far_behind_steps(row, under.moves)
+    blows = _in_blows(told, quiet, claimed)
+    # What comes in blows is no noise, rough as it is: the sensor's is.
+    own = min(quiet or 1.0, 1.0) if blows > EXPLAINED else 1.0
+    return Misfit(
+        min(evidence * blows, math.exp(MOST_LOG)),
+        excess,
+        math.sqrt(float(np.mean(square))) / own,
+        math.sqrt(float(np.mean(relative))) / own,
+        float(np.mean(products)),
+        chance,
+        far or blows > EXPLAINED,
+    )
+
+
+def _signed(products: Array, tolerated: float) -> tuple[float, float]:
+    """(e-value, sum in its deviations) of (N,) products of fair signs, beyond what is tolerated."""
+    surplus, squares = products - tolerated, np.square(products)
     levels = []
-    excess = 0.0
+    whole = 0.0
     count = 1
     while count == 1 or products.size // count >= STRETCH:
         edges = _edges(products.size, count)
@@ -258,26 +303,40 @@ def misfit(residual: Array, deviation: Array | None = None, under: Setting | Non
         spread = np.sqrt(np.add.reduceat(squares, edges))
         z = above / np.maximum(spread, 1e-150)
         if count == 1:
-            excess = float(z[0])
+            whole = float(z[0])
         powers = _SIZES * z - _HALVES
         levels.append(float(np.mean(np.exp(np.minimum(powers, MOST_LOG)))))
         count *= 2
-    far = bool(np.max(told[:-1] * told[1:]) > FAR**2)
-    # Products of independent samples are uncorrelated: of any law, their mean varies by this much.
-    chance = 1 / math.sqrt(products.size)
-    evidence = float(np.mean(levels))
-    if under is not None:
-        evidence = (evidence + _followed(row, under.moves)) / 2
-        far = far or _far_behind_steps(row, under.moves)
-    return Misfit(
-        evidence,
-        excess,
-        math.sqrt(float(np.mean(square))),
-        math.sqrt(float(np.mean(relative))),
-        float(np.mean(products)),
-        chance,
-        far,
-    )
+    return float(np.mean(levels)), whole
+
+
+def _in_blows(row: Array, quiet: float, claimed: Array) -> float:
+    """e-value of how close together the far samples of (L,) lie, given how many are far.
+
+    In any order equally likely, the next sample is far with the chance of those that are left. Bets
+    that the odds are higher soon after a far one multiply to an e-value (Shafer, "Testing by
+    betting", Journal of the Royal Statistical Society A 184, 2021).
+
+    Args:
+        quiet: deviation of the sensor's noise, in the unit of the row; 0 takes the samples' own.
+        claimed: (L,) variance beyond it that the model claims, in that unit. What is far lies `FAR`
+            deviations of both from zero.
+    """
+    size = np.abs(row)
+    noise = max(quiet or float(np.median(size)) / NORMAL_MEDIAN, ROUNDING)
+    out = size > FAR * np.sqrt(noise**2 + claimed)
+    count = int(np.count_nonzero(out))
+    if count < 2:
+        return 1.0
+    at = np.arange(row.size)
+    chance = (count - np.cumsum(out) + out) / (row.size - at)
+    before = np.concatenate([[-row.size], np.maximum.accumulate(np.where(out, at, -row.size))[:-1]])
+    won = []
+    for within in CLOSE:
+        near = at - before <= within
+        together, odds = np.count_nonzero(out & near), chance[near]
+        won += [together * math.log(k) - float(np.sum(np.log1p((k - 1) * odds))) for k in CLOSER]
+    return float(1 + np.mean(np.exp(np.minimum(won, MOST_LOG)))) / 2  # half is not bet
 
 
 def _followed(row: Array, moves: Array) -> float:

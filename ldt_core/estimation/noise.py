@@ -32,11 +32,16 @@ def white_noise(signals: Iterable[Array]) -> float:
         signals: (L,) each.
     """
     known = list(signals)
-    parts = [np.abs(np.diff(s, 3)) for s in known if len(s) >= FEWEST_SAMPLES]
+    return noise_beside_steps(known, sensor_step(known))
+
+
+def noise_beside_steps(signals: Sequence[Array], step: float) -> float:
+    """The same of signals of which the sensor's step is known, in their unit."""
+    parts = [np.abs(np.diff(s, 3)) for s in signals if len(s) >= FEWEST_SAMPLES]
     if not parts:
         return 0.0
     found = float(np.median(np.concatenate(parts))) / NORMAL_MEDIAN / THIRD_DIFFERENCE
-    return max(found, ROUNDING * sensor_step(known))
+    return max(found, ROUNDING * step)
 
 
 def sensor_step(signals: Sequence[Array]) -> float:

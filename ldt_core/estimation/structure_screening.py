@@ -136,7 +136,7 @@ class Screening:
         given = {e.name: values for e, values in box.values(np.concatenate([np.zeros(k), q]))[1]}
         ends = np.cumsum([int(kept.sum()) for kept in problem.keep])
         parts = np.split(rows[: ends[-1]], ends[:-1])
-        explains = problem.noise_alone(parts, problem.noise)
+        explains = problem.noise_alone(parts, problem.noise, gain)
         cost = best + q.size * math.log(self._samples)
         return Screened(cost, given, explains, box.work.taken())
 

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ldt_core.base.experiment import Experiment, Samples, rms
+from ldt_core.detectors.adequacy import ENOUGH_TO_LEARN
 from ldt_core.models.base import Model
 
 #: Least share of the recent operating range that the data learned from must have visited.
@@ -26,15 +27,11 @@ VALID_ERROR_RATIO = 1.5
 #: Largest ratio of errors on the present experiment up to which older ones join: 5 % is what the
 #: error of some 200 independent samples varies by anyway.
 JOINT_ERROR_RATIO = 1.05
-#: Samples that tell the parameters of a machine and a cause apart: ten for each of some ten (F. E.
-#: Harrell, "Regression Modeling Strategies", 2nd edition 2015, section 4.4). From 50 to
-#: 200, what experiments of 50 samples leave of the error is the same within a tenth.
-LEAST_SAMPLES = 100
 
 
 def too_short(told: Sequence[Experiment]) -> bool:
     """Whether experiments have too few samples together to learn from."""
-    return sum(map(len, told)) < LEAST_SAMPLES
+    return sum(map(len, told)) < ENOUGH_TO_LEARN
 
 
 def newest_enough(told: Sequence[Experiment], fewest: int = 1) -> list[Experiment]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -12,7 +14,7 @@ from ldt_core.base.errors import OptionError
 from ldt_core.base.experiment import Level
 from ldt_core.detectors.adequacy import Adequacy
 from ldt_core.detectors.excited_range import AFTER, hull, samples_within
-from ldt_core.estimation.misfit import misfit, noise_in, setting
+from ldt_core.estimation.misfit import _in_blows, misfit, noise_in, setting
 
 EVERY = 100
 
@@ -59,16 +61,59 @@ def test_false_alarms_are_no_more_than_stated(noise, length):
 @settings(max_examples=25)  # of 800 e-values each
 @given(seed=st.integers(0, 10_000), length=st.integers(20, 300), law=st.integers(0, 4))
 def test_the_e_value_has_a_mean_of_at_most_one(seed, length, law):
-    """Over all signs of the same magnitudes: drawn at random, within four standard errors."""
+    """Over all signs and orders of the same sizes: drawn at random, within four standard errors."""
     random = np.random.default_rng(seed)
     laws = (white, student, other_scale, outliers, growing)
     size = np.abs(laws[law](random, length))
     signs = random.choice([-1.0, 1.0], size=(400, length))
     held = random.uniform(-12, 12, length).repeat(1 + seed % 40)[:length]
     for under in (None, setting(held)):
-        found = [misfit(size * row, None, under).evidence for row in signs]
+        found = [misfit(random.permutation(size) * row, None, under).evidence for row in signs]
         values = np.minimum(found, 100.0)
         assert values.mean() <= 1 + 4 * values.std() / 20
+
+
+@pytest.mark.parametrize(("length", "count"), [(8, 3), (9, 5), (12, 2)])
+def test_far_samples_in_any_order_have_a_mean_of_one(length, count):
+    """Over every order there is, exactly."""
+    orders = []
+    for out in itertools.combinations(range(length), count):
+        row = np.ones(length)
+        row[list(out)] = 100.0
+        orders.append(_in_blows(row, 1.0, np.zeros(1)))
+    assert np.mean(orders) == pytest.approx(1.0, abs=1e-12)
+    assert max(orders) > 1 > min(orders)
+
+
+def blows(random, number):
+    """Noise and `number` blows of 800 samples, which swing within four samples and fade in six."""
+    error, ring = random.normal(size=800), np.arange(12)
+    for at in random.choice(np.arange(20, 780, 20), number, replace=False):
+        error[at : at + 12] += 40 * np.cos(np.pi / 2 * ring + random.uniform(0, 6)) * 0.85**ring
+    return error
+
+
+@pytest.mark.parametrize(("number", "most"), [(4, 2), (8, 1)])
+def test_blows_that_swing_are_no_noise(number, most):
+    """A backlash leaves such. Neighbours agree in sign as often as not, and the rest is noise."""
+    random, detector = np.random.default_rng(4), Adequacy()
+    voltage = np.repeat(random.uniform(4, 12, 8), 100)
+    speed = lfilter([0.0, 0.1], [1.0, -0.9], voltage)
+    assert judged(detector, random.normal(size=800), voltage, speed, speed) == "holds"
+    for _ in range(most):
+        assert judged(detector, blows(random, number), voltage, speed, speed) != "holds"
+        assert detector.adequacy > 2
+    assert detector.drift_detected
+
+
+def test_noise_in_proportion_to_the_speed_comes_in_no_blows():
+    """Its largest samples lie where the speed is high."""
+    random, detector = np.random.default_rng(1), Adequacy(1e9)
+    for _ in range(200):
+        voltage = np.repeat(random.uniform(-12, 12, 8), 100)
+        speed = lfilter([0.0, 1.6], [1.0, -0.9], voltage)
+        noise = random.normal(size=800) * (0.01 * np.abs(speed) + 0.02)
+        assert judged(detector, noise, voltage, speed, speed) == "holds"
 
 
 def of_first_order(random, length, memory, first):
