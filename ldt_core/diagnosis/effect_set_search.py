@@ -34,7 +34,6 @@ RIVAL_CLOSE = 0.7  # of the best promise: what a rival reaches
 SIZE_TRIED_ANYWAY = 3  # effects: sets up to this size are tried even where the last did not help
 AS_STRONG = (0.6, 0.8, 1.0, 1.3, 1.7)  # of a start: what lies between it and the next
 SETTLED = 3  # sets of a size whose start states are sought until they stand
-HIDDEN = 1.5  # times the power left in those looked at: what another experiment leaves
 WORTH_A_FIT = 0.1  # of the power left: what the response of such an addition promises
 
 
@@ -55,19 +54,6 @@ class EffectSetSearch(SetFits):
         if left <= self._grow().least_left()[0]:
             vars(self).update(before)
         return self.found
-
-    def _hidden(self, best: EffectFit) -> bool:
-        """Whether a set leaves much in an experiment, and far less in all those looked at."""
-        band, seen = self.found.band, {p.experiment.number for p in self.scout.pieces}
-        left, gap = (band.speed_excess(r) for r in (best.residual, self.found.base))
-        if left <= THRESHOLDS.further_effect_of_gap * gap:
-            return False
-        rows = [(p.experiment.number in seen, best.residual[p.rows]) for p in self.residuals.pieces]
-        inside, outside = (
-            max((float(np.mean(r**2)) for known, r in rows if known is looked), default=0.0)
-            for looked in (True, False)
-        )
-        return outside > HIDDEN * inside
 
     def _grow(self) -> FittedSets:
         """Fit sets of one effect, then larger ones as long as more is left than noise.
@@ -331,7 +317,7 @@ class EffectSetSearch(SetFits):
         them more than the machine does itself.
         """
         if self.scout.shaking:
-            turned = any(p.unit == "rad" for p in candidate.parameters)
+            turned = any(p.cyclic for p in candidate.parameters)
         else:
             turned = self.scout.angular([candidate.effect])
         members = [*base.effects, candidate]

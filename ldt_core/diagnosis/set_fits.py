@@ -35,6 +35,7 @@ AT_ONCE = 16  # fits between two looks at the work done: the same sets for any n
 COMPARED = 6  # sets of a size of which it is asked how far their laws may depart
 FINISHED = 2  # sets of each size; those that compete with the answer come at the end
 FINISHED_PLAINER = 1  # further sets of each size, with fewer parameters
+HIDDEN = 1.5  # times the power left in those looked at: what another experiment leaves
 BEHIND = 1.5  # times the power that the best of a size leaves: a set further behind is not fitted
 MANY_PARAMETERS = 3  # with which a fit may end before its best
 UNFINISHED = 0.005  # of the gap: a fit with many parameters that leaves more goes on
@@ -206,6 +207,34 @@ class SetFits:
         plain = [f for f in best if f not in near and self._plainer(f, best[0])][:FINISHED_PLAINER]
         for f in (*near, *plain):
             self.finish(f)
+        # What the few experiments liked best may explain nothing else.
+        further = [f for f in best if f not in near and f not in plain][:FINISHED]
+        while further and not self.spent and self._fails_elsewhere(count):
+            self.finish(further.pop(0))
+
+    def _fails_elsewhere(self, count: int) -> bool:
+        """Whether the best set of a size leaves much, and the scout's best far less of its part."""
+        found, band = self.found, self.found.band
+        left = found.of_size(count)[:1]
+        if not left:
+            return True
+        promised = self.band.excess(self._best(count)[0].residual)
+        part = max(promised, 0.0) / self.band.excess(self.responses.base)
+        whole = band.excess(left[0].residual) / band.excess(found.base)
+        return whole > HIDDEN * part + THRESHOLDS.further_effect_of_gap
+
+    def _hidden(self, best: EffectFit) -> bool:
+        """Whether a set leaves much in an experiment, and far less in all those looked at."""
+        band, seen = self.found.band, {p.experiment.number for p in self.scout.pieces}
+        left, gap = (band.speed_excess(r) for r in (best.residual, self.found.base))
+        if left <= THRESHOLDS.further_effect_of_gap * gap:
+            return False
+        rows = [(p.experiment.number in seen, best.residual[p.rows]) for p in self.residuals.pieces]
+        inside, outside = (
+            max((float(np.mean(r**2)) for known, r in rows if known is looked), default=0.0)
+            for looked in (True, False)
+        )
+        return outside > HIDDEN * inside
 
     def _near(self, scouted: EffectFit, best: EffectFit) -> bool:
         return scouted.loss - best.loss <= self._reach(self.band, best)

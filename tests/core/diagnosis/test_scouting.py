@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from recorded_machines import MOTOR, candidates, record
@@ -58,3 +60,18 @@ def test_plainer_laws_take_the_place_of_several_members_at_once():
     (base,) = search._scout([TriedSet(flexible, start)])
     found = {frozenset(f.names) for f in search._with_plainer_laws(base)}
     assert {"coulomb_friction", "viscous_friction"} in found
+
+
+def test_what_the_few_experiments_like_best_is_not_the_only_one_that_is_fitted_on_all():
+    """A spring over a few slow turns is a constant load, and over many it is not."""
+    levels = [np.full(3000, level) for level in (3.0, 3.0, 3.0, 6.0, 9.0, 12.0)]
+    measured = record(MOTOR, "constant_load:torque=0.1", count=6, samples=3000, levels=levels)
+    residuals = FreeRunResiduals(MOTOR, measured)
+    names = ["constant_load", "coulomb_friction", "stribeck_friction", "spring_load"]
+    search = EffectSetSearch(residuals, candidates(MOTOR, names))
+    search._alone()
+    spring = search.found.scouted[frozenset({"spring_load"})]
+    liked = replace(spring, residual=np.zeros_like(spring.residual), loss=0.0)
+    search.found.scouted[frozenset({"spring_load"})] = liked
+    search._finish(1)
+    assert search.found.of_size(1)[0].names != ("spring_load",)
