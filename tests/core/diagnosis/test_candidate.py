@@ -16,6 +16,7 @@ from ldt_core.physics.machine_sizes import is_limit
 from ldt_core.physics.parameter import logarithmic
 
 NAMES = EFFECTS.names()
+MOST = max(len(EFFECTS.get(n).parameters) for n in NAMES)
 MACHINES = {"rotor": (ROTOR, 16.0), "motor": (MOTOR, 12.0), "tiny": (MOTOR, 0.5)}
 
 
@@ -33,7 +34,7 @@ def inside(c, parts):
 @given(
     st.sampled_from(NAMES),
     st.sampled_from(sorted(MACHINES)),
-    st.lists(st.floats(0.01, 0.99), min_size=3, max_size=3),
+    st.lists(st.floats(0.01, 0.99), min_size=MOST, max_size=MOST),
 )
 def test_coordinates_are_there_and_back_the_same(name, machine, parts):
     """Values from coordinates, coordinates from values."""
@@ -47,7 +48,7 @@ def test_coordinates_are_there_and_back_the_same(name, machine, parts):
     assert all(p.accepts(found[p.name]) for p in c.parameters)
 
 
-@given(st.sampled_from(NAMES), st.lists(st.floats(-1e2, 1e2), min_size=3, max_size=3))
+@given(st.sampled_from(NAMES), st.lists(st.floats(-1e2, 1e2), min_size=MOST, max_size=MOST))
 def test_whatever_the_coordinates_the_effect_accepts_the_values(name, z):
     """Also far outside the bounds, and for every machine."""
     for machine in MACHINES:
