@@ -17,7 +17,7 @@ from ldt_core.diagnosis.model_selection import FittedSets
 from ldt_core.diagnosis.responses import Responses, best_alone, rank_pairs, simulate_all
 from ldt_core.diagnosis.ripple_orders import begun_at
 from ldt_core.diagnosis.scouting import of_each_kind
-from ldt_core.diagnosis.set_fits import COMPARED, FAR_OFF, SetFits, TriedSet
+from ldt_core.diagnosis.set_fits import COMPARED, FAR_OFF, HIDDEN, SetFits, TriedSet
 from ldt_core.diagnosis.thresholds import THRESHOLDS
 
 # Which sets are tried. They save time: everything else would be tried in vain.
@@ -54,6 +54,19 @@ class EffectSetSearch(SetFits):
         if left <= self._grow().least_left()[0]:
             vars(self).update(before)
         return self.found
+
+    def _hidden(self, best: EffectFit) -> bool:
+        """Whether a set leaves much in an experiment, and far less in all those looked at."""
+        band, seen = self.found.band, {p.experiment.number for p in self.scout.pieces}
+        left, gap = (band.speed_excess(r) for r in (best.residual, self.found.base))
+        if left <= THRESHOLDS.further_effect_of_gap * gap:
+            return False
+        rows = [(p.experiment.number in seen, best.residual[p.rows]) for p in self.residuals.pieces]
+        inside, outside = (
+            max((float(np.mean(r**2)) for known, r in rows if known is looked), default=0.0)
+            for looked in (True, False)
+        )
+        return outside > HIDDEN * inside
 
     def _grow(self) -> FittedSets:
         """Fit sets of one effect, then larger ones as long as more is left than noise.

@@ -209,32 +209,19 @@ class SetFits:
             self.finish(f)
         # What the few experiments liked best may explain nothing else.
         further = [f for f in best if f not in near and f not in plain][:FINISHED]
-        while further and not self.spent and self._fails_elsewhere(count):
+        while further and not self.spent and self._fails_elsewhere(best[0]):
             self.finish(further.pop(0))
 
-    def _fails_elsewhere(self, count: int) -> bool:
-        """Whether the best set of a size leaves much, and the scout's best far less of its part."""
+    def _fails_elsewhere(self, liked: EffectFit) -> bool:
+        """Whether the best set on all leaves much, and what the scout likes best far less there."""
         found, band = self.found, self.found.band
-        left = found.of_size(count)[:1]
+        left = found.of_size(len(liked.names))[:1]
         if not left:
             return True
-        promised = self.band.excess(self._best(count)[0].residual)
+        promised = self.band.excess(liked.residual)
         part = max(promised, 0.0) / self.band.excess(self.responses.base)
         whole = band.excess(left[0].residual) / band.excess(found.base)
         return whole > HIDDEN * part + THRESHOLDS.further_effect_of_gap
-
-    def _hidden(self, best: EffectFit) -> bool:
-        """Whether a set leaves much in an experiment, and far less in all those looked at."""
-        band, seen = self.found.band, {p.experiment.number for p in self.scout.pieces}
-        left, gap = (band.speed_excess(r) for r in (best.residual, self.found.base))
-        if left <= THRESHOLDS.further_effect_of_gap * gap:
-            return False
-        rows = [(p.experiment.number in seen, best.residual[p.rows]) for p in self.residuals.pieces]
-        inside, outside = (
-            max((float(np.mean(r**2)) for known, r in rows if known is looked), default=0.0)
-            for looked in (True, False)
-        )
-        return outside > HIDDEN * inside
 
     def _near(self, scouted: EffectFit, best: EffectFit) -> bool:
         return scouted.loss - best.loss <= self._reach(self.band, best)

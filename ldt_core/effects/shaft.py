@@ -64,9 +64,19 @@ def _backlash(t, theta, omega, current, voltage, p, state, rate):
 def _backlash_rate(values, voltage, share, slack, stiffness, damping):
     if share == 0.0:
         return 0.0
-    relative = values["J"] * share  # as above
-    swings = STEPS_PER_CONTACT * math.sqrt(stiffness / relative)
-    return max(swings, fastest_root(damping / relative, stiffness / relative))
+    swings = STEPS_PER_CONTACT * math.sqrt(stiffness / (values["J"] * share))
+    return max(swings, _compliance_rate(values, voltage, share, stiffness, damping))
+
+
+def _without_far_end(values, share, **coupling):
+    return scaled(values, 1.0 - share, "J")
+
+
+def _far_end_like_near(state, **coupling):
+    return state[0], state[1]
+
+
+SHARE = Parameter("share", "", 0.0, 0.95, 0.0, "part of the inertia at the far end, s", scale=0.5)
 
 
 INERTIA = Effect(
@@ -127,7 +137,7 @@ TORSIONAL_COMPLIANCE = Effect(
     equation="J := (1 - s) J; torque = -M, s J omega_far' = M, "
     "M = k (theta - theta_far) + d (omega - omega_far)",
     parameters=(
-        Parameter("share", "", 0.0, 0.95, 0.0, "part of the inertia at the far end, s", scale=0.5),
+        SHARE,
         Parameter(
             "stiffness",
             "N m/rad",
@@ -148,10 +158,10 @@ TORSIONAL_COMPLIANCE = Effect(
         "damping": (0.003, 0.03),
     },
     most_factor=1000.0,  # from swings of a few seconds to those that no sample shows
-    on_parameters=lambda values, share, stiffness, damping: scaled(values, 1.0 - share, "J"),
+    on_parameters=_without_far_end,
     torque=_compliance,
     states=("theta_far", "omega_far"),
-    initial=lambda state, share, stiffness, damping: (state[0], state[1]),
+    initial=_far_end_like_near,
     needs=("J",),
     fastest=_compliance_rate,
     reference="Inman, Engineering Vibration, chapter 4 (several degrees of freedom: torsion)",
@@ -165,7 +175,7 @@ BACKLASH = Effect(
     "k (theta - theta_far -+ slack / 2) + d (omega - omega_far), never a pull; "
     "theta_far begins at theta",
     parameters=(
-        Parameter("share", "", 0.0, 0.95, 0.0, "part of the inertia at the far end, s", scale=0.5),
+        SHARE,
         Parameter(
             "slack", "rad", 0.0, default=0.2, description="free play at this shaft", scale=0.2
         ),
@@ -190,10 +200,10 @@ BACKLASH = Effect(
         "damping": (0.1,),
     },
     most_factor=1000.0,
-    on_parameters=lambda values, share, slack, stiffness, damping: scaled(values, 1.0 - share, "J"),
+    on_parameters=_without_far_end,
     torque=_backlash,
     states=("theta_far", "omega_far"),
-    initial=lambda state, share, slack, stiffness, damping: (state[0], state[1]),
+    initial=_far_end_like_near,
     needs=("J",),
     fastest=_backlash_rate,
     reference="Nordin, Gutman, Controlling mechanical systems with backlash, a survey, "

@@ -24,9 +24,9 @@ from ldt_core.estimation.noise import ROUNDING as ROUNDED
 #: Variance that a model may leave beyond the noise, as a part of the noise's, and still explain an
 #: experiment: with 0.2 a prediction is at most 10 % worse than the best there can be.
 TOLERATED = 0.2
-#: Least correlation of samples two apart that noise may have: that of a speed which central
+#: The same of samples two apart with opposite signs: as much as noise has in a speed which central
 #: differences take from an angle with white noise.
-TOLERATED_SWING = -0.5
+TOLERATED_SWING = 0.5
 #: What a model claims not to know is believed up to so many of its standard deviations.
 BELIEVED = 3.0
 #: Sizes, in standard deviations, of the misfits that the e-value is sensitive to.
@@ -273,7 +273,7 @@ def misfit(residual: Array, deviation: Array | None = None, under: Setting | Non
     quiet = 0.0
     if under is not None:
         apart = -row[:-2] * row[2:]
-        swings = _signed(apart, -TOLERATED_SWING)[0] if apart.size else 1.0
+        swings = _signed(apart, TOLERATED_SWING)[0] if apart.size else 1.0
         evidence = (2 * evidence + _followed(row, under.moves) + swings) / 4
         quiet = under.quiet / math.sqrt(noise)
         far = far or _far_behind_steps(row, under.moves)

@@ -73,10 +73,8 @@ def load(t, theta, omega, memory, p):  # pragma: no cover - compiled
         angle = theta + p.gravity_phase
         torque += p.gravity * (math.cos(angle) + p.gravity_second * math.cos(2.0 * angle))
     if p.spring != 0.0:
-        turned = theta / p.spring_angle
-        torque += (
-            p.spring * theta * (1.0 + p.spring_rise * turned * turned / (1.0 + turned * turned))
-        )
+        turned = (theta / p.spring_angle) ** 2
+        torque += p.spring * theta * (1.0 + p.spring_rise * turned / (1.0 + turned))
     if p.pulse != 0.0:
         beat = math.sin(p.pulse_rate * t + p.pulse_phase)
         torque += p.pulse * (beat + 0.4 * (2.0 * beat * beat - 1.0))

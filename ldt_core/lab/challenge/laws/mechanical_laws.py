@@ -54,8 +54,7 @@ def _cogging(p, v, s, odd):
     p["cog_second"], p["cog_second_phase"] = odd * s["second"], s["second_phase"]
 
 
-def _compliance_values(size, s, known):
-    stiffness = 1.0 / size
+def _coupling(stiffness, s, known):
     relative = known["J"] * s["share"] * (1.0 - s["share"])
     damping = 2.0 * s["damping"] * math.sqrt(stiffness * relative)
     return {"share": s["share"], "stiffness": stiffness, "damping": damping}
@@ -67,7 +66,7 @@ def _compliance_values(size, s, known):
     (0.002, 5.0),
     # damping: of the critical one; cubic: how much stiffer under 1 N m
     drawn(share=(0.3, 0.7), damping=(0.03, 0.25), cubic=(0.05, 0.3), J="J"),
-    _compliance_values,
+    lambda size, s, known: _coupling(1.0 / size, s, known),
     family="inertia",
 )
 def _compliance(p, v, s, odd):
@@ -75,12 +74,6 @@ def _compliance(p, v, s, odd):
     p["J"] -= p["far"]
     p["coupling"], p["coupling_damping"] = v["stiffness"], v["damping"]
     p["coupling_cubic"] = odd * s["cubic"] * v["stiffness"] ** 2
-
-
-def _backlash_values(size, s, known):
-    relative = known["J"] * s["share"] * (1.0 - s["share"])
-    damping = 2.0 * s["damping"] * math.sqrt(s["stiffness"] * relative)
-    return {"share": s["share"], "slack": size, "stiffness": s["stiffness"], "damping": damping}
 
 
 @mechanical(
@@ -91,7 +84,11 @@ def _backlash_values(size, s, known):
     drawn(
         share=(0.3, 0.6), stiffness=(40.0, 80.0), damping=(0.03, 0.25), cubic=(0.002, 0.01), J="J"
     ),
-    _backlash_values,
+    lambda size, s, known: {
+        "share": s["share"],
+        "slack": size,
+        **_coupling(s["stiffness"], s, known),
+    },
     family="inertia",
     reversing=True,
 )
