@@ -35,8 +35,9 @@ SCREENINGS = ((1.0, True), (0.1, False), (0.1, True))
 #: Place of the one before which laws are tried in detail.
 LAST_RESORT = 2
 WEAKEST = min(gain for gain, _ in SCREENINGS)
-#: Structures of each screening that are fitted whole, the best and its rival.
-FINALISTS = 2
+#: Structures of each screening that are fitted whole: the best and its rival, and those that screen
+#: as well as that but for so many squared deviations (chi-square distribution, p = 0.001), at most.
+FINALISTS, CLOSE, MOST_FINALISTS = 2, 10.8, 5
 #: Structures that are screened between two pauses.
 AT_ONCE = 4
 #: Effects of a structure: of what few experiments tell, more are rarely told apart.
@@ -315,8 +316,8 @@ class StructureSearch(Screening):
             limit = best.cost + SERIOUS * (before.cost - best.cost)
             found = [
                 Present(tried[i], results[i].given, present.prior)
-                for i in order[:FINALISTS]
-                if results[i].cost <= limit
+                for place, i in enumerate(order[:MOST_FINALISTS])
+                if results[i].cost <= (limit if place < FINALISTS else best.cost + CLOSE)
             ]
             led = best.explains
             if led or self._hopeless(present, before, [results[i] for i in order]):

@@ -38,6 +38,8 @@ MOST = 2 * POOL
 FLEXIBLE, SMOOTH = "remainder", "hybrid"
 #: Parts of an experiment, each of which is held back once from a model that learns from the others.
 PARTS = 2
+#: Origin of a cause that two conditions have told apart.
+TOLD_APART = "has a cause that was not told apart before, and explains both"
 #: What learning can fail by.
 UNLEARNABLE = (LdtError, np.linalg.LinAlgError, ArithmeticError)
 
@@ -136,6 +138,32 @@ class Candidates:
                 if explains_all(fitted, told):
                     break
         return min(found, key=lambda m: squared_error(m, told), default=None)
+
+    def other_cause(
+        self, model: Model, known: Sequence[Experiment], told: Sequence[Experiment]
+    ) -> tuple[GreyBoxModel, str] | None:
+        """`alike`, at once, and its origin."""
+        found = finished(self.alike(model, known, told))
+        return None if found is None else (found, TOLD_APART)
+
+    def alike(
+        self, model: Model, known: Sequence[Experiment], told: Sequence[Experiment]
+    ) -> Pausable[GreyBoxModel | None]:
+        """A cause that was not told apart from this model's, if it explains what this one does not
+        and all that this one has learned from: the tie was decided wrongly.
+
+        Args:
+            known: that the model has learned from.
+            told: that it does not explain.
+        """
+        if not (isinstance(model, GreyBoxModel) and model.parameters["alike"] and known):
+            return None
+        pool = [*known[-POOL:], *told]
+        with suppress(*UNLEARNABLE):
+            for rival in (yield from model.with_alike_causes(pool)):
+                if explains_all(rival, pool):
+                    return rival
+        return None
 
     def _with_more(
         self,

@@ -111,6 +111,8 @@ class ContestAdaptor(KnownVersions):
         sure = True  # of what has changed
         long = self.watch.worse and not alike(self.model, self.original)
         seen = signal.level is not Level.NEGATIVE or signal.state != "new_range"
+        if found is None and not seen and self.watch.worse_now:
+            found = self.candidates.other_cause(self.model, self.learned_from, [experiment])
         if found is None and (long or (not seen and self.watch.worse_now)):
             where = self.watch.why if long else "errs less in this new range"
             found, details[ORIGINAL] = (self.original, f"is the original again, which {where}"), 1.0
@@ -170,7 +172,7 @@ class ContestAdaptor(KnownVersions):
             return Action.REFUSED, f"{why} to learn from yet; {stays}", {}
         search = CauseSearch(self.candidates, asked)
         over = search.explain(self._steps)
-        said = "no known cause explains it"
+        said = "no known cause explains it" if over else "no cause that explains it is found yet"
         if search.cause is not None:
             if not self._fails_before(search.cause[0], experiment):
                 return self._learned_by(*search.cause, experiment, {})

@@ -152,14 +152,15 @@ def fails_before(
     Args:
         present: the model in force.
         experiment: the newest.
-        learned: those that the present one has learned from; none where they are not known.
+        learned: those that the present one has learned from; where they are not known, it stands
+            for what it explains.
         recent: those before the newest.
     """
     if len(present.machine.model.states) > CURRENT + 1:
         return False
     known = [e for e in learned if e.same_period(experiment)]
     since = max((e.start for e in known), default=math.inf)
-    known += [e for e in recent if e.start > since]
+    known += [e for e in recent if (e.start > since if known else explains(present, e))]
     now = rms_error(present, experiment)
     changed = all(now > FAR * rms_error(present, e) for e in known)
     return not changed and any(rms_error(model, e) > FAR * now for e in known)
