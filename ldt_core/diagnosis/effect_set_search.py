@@ -34,6 +34,7 @@ RIVAL_CLOSE = 0.7  # of the best promise: what a rival reaches
 SIZE_TRIED_ANYWAY = 3  # effects: sets up to this size are tried even where the last did not help
 AS_STRONG = (0.6, 0.8, 1.0, 1.3, 1.7)  # of a start: what lies between it and the next
 SETTLED = 3  # sets of a size whose start states are sought until they stand
+PROMISED = 0.5  # of what a further effect must explain: to first order, a promise may be half
 WORTH_A_FIT = 0.1  # of the power left: what the response of such an addition promises
 
 
@@ -172,7 +173,7 @@ class EffectSetSearch(SetFits):
         return left > THRESHOLDS.further_effect_of_gap * gap
 
     def _promised(self, best: EffectFit, enough: float) -> bool:
-        """Whether a further effect promises half of what a set leaves, if that is little.
+        """Whether a further effect promises part of what a set leaves, if that is little.
 
         Or whether two promise nearly all of it, which may stand in the place of a member. So little
         is linear in the effects that cause it: what no response explains, no fit finds.
@@ -183,7 +184,7 @@ class EffectSetSearch(SetFits):
         one, two = self._about(best).explained_beside(best)
         left = self.band.excess(best.residual)
         return left >= enough and (
-            one > THRESHOLDS.further_effect_of_remainder * left
+            one > PROMISED * THRESHOLDS.further_effect_of_remainder * left
             or two > THRESHOLDS.nearly_all_of_remainder * left
         )
 
