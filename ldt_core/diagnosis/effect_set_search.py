@@ -1,7 +1,6 @@
 """The sets of effects that explain a recording best, one, two and three at a time.
 
-Every effect alone, then the pairs and triples that the responses' inner products promise; `SetFits`
-fits them.
+Every effect alone, then the pairs and triples that the responses promise; `SetFits` fits them.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ from ldt_core.diagnosis.scouting import of_each_kind
 from ldt_core.diagnosis.set_fits import COMPARED, FAR_OFF, HIDDEN, SetFits, TriedSet
 from ldt_core.diagnosis.thresholds import THRESHOLDS
 
-# Which sets are tried. They save time: everything else would be tried in vain.
+# Which sets are tried, to save time.
 PAIRS = 5  # pairs fitted, those whose responses promise most
 BASES = 3  # sets of one size that larger ones are built upon
 ADDED = 3  # effects added to each of them whatever they promise, and as many that come close
@@ -175,8 +174,7 @@ class EffectSetSearch(SetFits):
     def _promised(self, best: EffectFit, enough: float) -> bool:
         """Whether a further effect promises part of what a set leaves, if that is little.
 
-        Or whether two promise nearly all of it, which may stand in the place of a member. So little
-        is linear in the effects that cause it: what no response explains, no fit finds.
+        Or whether two promise nearly all of it, which may stand in the place of a member.
         """
         count = len(best.effects)
         self._scout([TriedSet(best.effects, best.z[:count], best.starts)])  # to its very end
@@ -346,6 +344,10 @@ class EffectSetSearch(SetFits):
             rest = self._without(base, leave) if names else base
             ranked = self.responses.promised_beside(rest) if names else ()
             tries += [self._with(rest, c, z) for c, z, _ in ranked if c.name in names]
+            # A law of the same parameters, or of fewer, begins where the member's fit has ended.
+            given = member.given(base.z[leave])
+            like = (c for c in self.candidates if c.name in names and given.keys() >= c.named)
+            tries += [self._with(rest, c, c.coordinates(given)) for c in like]
         return tries
 
     def _with_plainer_laws(self, base: EffectFit) -> list[EffectFit]:
