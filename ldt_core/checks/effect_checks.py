@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from ldt_core.base.errors import BadInput, OptionError
+from ldt_core.base.errors import BadInput, LdtError, OptionError
 from ldt_core.base.sentences import counted
-from ldt_core.checks.physics_checks import trial_speed
+from ldt_core.checks.physics_checks import PERIOD, trial_speed
 from ldt_core.machine.machine_file import Machine, load_machine
-from ldt_core.physics.base import MAX_STEP
+from ldt_core.physics.base import MAX_STEP, SPEED, FreeRun
 from ldt_core.physics.effect import Effect
 from ldt_core.physics.integrate import MAX_STEP_RATE
 from ldt_core.physics.motor_driven import MotorDriven
@@ -28,6 +28,8 @@ STEP_TOLERANCE = 0.02
 LEAST_CHANGE = 1e-3  # rad/s: values that change the speed less on every machine are not typical
 ECCENTRICITY = 0.004  # m; enough that an effect on the foundation can be seen
 DURATION = 6.0  # s, of a trial run
+BESIDE = 8  # runs that are computed at once
+SIDE_BY_SIDE_TOLERANCE = 1e-6  # rad/s, between a run beside others and alone: rounding
 BEYOND = 8  # numbers behind the parameters that a term must not read
 # (t [s], theta [rad], omega [rad/s], current [A], voltage [V]) at which a term is called by itself.
 PLACES = ((0.0, 0.0, 0.0, 0.0, 0.0), (1.5, 2.0, 30.0, 3.0, 10.0), (0.5, -4.0, -9.0, -2.0, -6.0))
@@ -74,6 +76,7 @@ def check_effect(effect: Effect, machines: list[Machine] | None = None) -> list[
         largest = max(largest, float(np.abs(first - plain).max()))
         if effect.terms:
             furthest = max(furthest, _check_step(effect, machine, first))
+            _check_side_by_side(effect, machine)
         _check_extremes(effect, machine)
     assert largest >= LEAST_CHANGE, (
         f"{name}: its typical values change the speed by {largest:.3g} rad/s"
@@ -93,6 +96,22 @@ def check_effect(effect: Effect, machines: list[Machine] | None = None) -> list[
             f"a quarter of the step changes the speed by {furthest:.1g} rad/s at most",
         ]
     return done
+
+
+def _check_side_by_side(effect: Effect, machine: Machine) -> None:
+    """Runs that are computed at once, as those of a fit, are the run alone."""
+    physics, values = machine.model, machine.parameters
+    volts = np.repeat([0.5, -0.5, 1.0], 40) * machine.voltage_limits[1]
+    start, use = physics.initial_state(values, 0.0), [(effect, effect.check(effect.typical))]
+    run = FreeRun(values, volts, PERIOD, start, use)
+    alone = physics.simulate(values, volts, PERIOD, start, use)[:, SPEED]
+    for _, states in physics.simulate_all([run] * BESIDE):
+        assert not isinstance(states, LdtError), f"{effect.name} on {machine.name}: {states}"
+        off = float(np.abs(states[:, SPEED] - alone).max())
+        assert off < SIDE_BY_SIDE_TOLERANCE, (
+            f"{effect.name} on {machine.name}: computed beside other runs, the speed differs by "
+            f"{off:.2g} rad/s from the run alone"
+        )
 
 
 def _suits(effect: Effect, machine: Machine) -> bool:

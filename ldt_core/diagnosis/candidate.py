@@ -16,7 +16,7 @@ from ldt_core.physics.parameter import LARGEST, Parameter, logarithmic
 
 # Where searches begin: close enough to each other that a fit gets from one to the next.
 START_FACTORS = (0.4, 0.7, 0.9, 1.1, 1.4, 2.5)  # of a parameter that multiplies the machine's
-START_SIZES = (0.1, 0.3, 1.0, 3.0)  # of a parameter's scale
+START_SIZES = (0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 70.0)  # of a parameter's scale
 START_SHAPES = (0.3, 1.0, 3.0)  # of the default of a shape, such as a time constant
 START_PHASES = 8  # of a turn
 MOST_STARTS = 96  # of one effect: bounds the time that it takes
@@ -55,6 +55,11 @@ class Candidate:
     def parameters(self) -> tuple[Parameter, ...]:
         """Of the effect."""
         return self.effect.parameters
+
+    @property
+    def named(self) -> frozenset[str]:
+        """Names of its parameters."""
+        return frozenset(p.name for p in self.parameters)
 
     def __len__(self) -> int:
         return len(self.effect.parameters)

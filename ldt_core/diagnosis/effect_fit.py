@@ -62,6 +62,11 @@ class EffectFit:
         return tuple(c.name for c in self.effects)
 
     @property
+    def families(self) -> tuple[str, ...]:
+        """Of its effects, sorted; one that has none is its own."""
+        return tuple(sorted(c.effect.family or c.name for c in self.effects))
+
+    @property
     def prior_rows(self) -> Array:
         """(k, p) what the prior of the machine's own parameters adds to the Jacobian."""
         return _prior_rows(self.members, self.own)

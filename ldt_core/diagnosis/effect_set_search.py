@@ -1,7 +1,6 @@
 """The sets of effects that explain a recording best, one, two and three at a time.
 
-Every effect alone, then the pairs and triples that the responses' inner products promise; `SetFits`
-fits them.
+Every effect alone, then the pairs and triples that the responses promise; `SetFits` fits them.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ from ldt_core.diagnosis.scouting import of_each_kind
 from ldt_core.diagnosis.set_fits import COMPARED, FAR_OFF, HIDDEN, SetFits, TriedSet
 from ldt_core.diagnosis.thresholds import THRESHOLDS
 
-# Which sets are tried. They save time: everything else would be tried in vain.
+# Which sets are tried, to save time.
 PAIRS = 5  # pairs fitted, those whose responses promise most
 BASES = 3  # sets of one size that larger ones are built upon
 ADDED = 3  # effects added to each of them whatever they promise, and as many that come close
@@ -34,6 +33,7 @@ RIVAL_CLOSE = 0.7  # of the best promise: what a rival reaches
 SIZE_TRIED_ANYWAY = 3  # effects: sets up to this size are tried even where the last did not help
 AS_STRONG = (0.6, 0.8, 1.0, 1.3, 1.7)  # of a start: what lies between it and the next
 SETTLED = 3  # sets of a size whose start states are sought until they stand
+PROMISED = 0.5  # of what a further effect must explain: to first order, a promise may be half
 WORTH_A_FIT = 0.1  # of the power left: what the response of such an addition promises
 
 
@@ -172,10 +172,9 @@ class EffectSetSearch(SetFits):
         return left > THRESHOLDS.further_effect_of_gap * gap
 
     def _promised(self, best: EffectFit, enough: float) -> bool:
-        """Whether a further effect promises half of what a set leaves, if that is little.
+        """Whether a further effect promises part of what a set leaves, if that is little.
 
-        Or whether two promise nearly all of it, which may stand in the place of a member. So little
-        is linear in the effects that cause it: what no response explains, no fit finds.
+        Or whether two promise nearly all of it, which may stand in the place of a member.
         """
         count = len(best.effects)
         self._scout([TriedSet(best.effects, best.z[:count], best.starts)])  # to its very end
@@ -183,7 +182,7 @@ class EffectSetSearch(SetFits):
         one, two = self._about(best).explained_beside(best)
         left = self.band.excess(best.residual)
         return left >= enough and (
-            one > THRESHOLDS.further_effect_of_remainder * left
+            one > PROMISED * THRESHOLDS.further_effect_of_remainder * left
             or two > THRESHOLDS.nearly_all_of_remainder * left
         )
 
@@ -345,6 +344,10 @@ class EffectSetSearch(SetFits):
             rest = self._without(base, leave) if names else base
             ranked = self.responses.promised_beside(rest) if names else ()
             tries += [self._with(rest, c, z) for c, z, _ in ranked if c.name in names]
+            # A law of the same parameters, or of fewer, begins where the member's fit has ended.
+            given = member.given(base.z[leave])
+            like = (c for c in self.candidates if c.name in names and given.keys() >= c.named)
+            tries += [self._with(rest, c, c.coordinates(given)) for c in like]
         return tries
 
     def _with_plainer_laws(self, base: EffectFit) -> list[EffectFit]:

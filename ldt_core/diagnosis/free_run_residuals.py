@@ -13,6 +13,7 @@ is linear, and smooth in every parameter where it is not.
 from __future__ import annotations
 
 import contextlib
+import copy
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -119,6 +120,7 @@ class FreeRunResiduals:
             (NO_OFFSET,) * len(self.pieces),
         )
         self._angles: dict[str, bool] = {}
+        self._always_led = False
         #: Whether the machine shakes a foundation as its file knows it.
         self.shaking = self.physics.shakes(self.values)
         if self.shaking:
@@ -337,12 +339,25 @@ class FreeRunResiduals:
         start = np.concatenate([start, own])
         if run.offset.size:
             start[: run.offset.size] += run.offset[: start.size]
-        followed = run.follow and (
-            physics.shakes(values)
-            or self.angular(effect for effect, _ in (*self.machine.effects, *use))
-        )
+        followed = run.follow and (self._always_led or self.led(use, values))
         tracked = (seen, -math.expm1(-e.period / self.memory)) if followed else NOT_TRACKED
         return FreeRun(self.values, e.voltage, e.period, start, use, tracked, values, self.work)
+
+    def led(self, use: Use, values: Values | None = None) -> bool:
+        """Whether simulations with these effects follow the measured speed.
+
+        Args:
+            values: of the machine's parameters with them, where they are known.
+        """
+        values = self.changed(use) if values is None else values
+        shakes = values is not None and self.physics.shakes(values)
+        return shakes or self.angular(effect for effect, _ in (*self.machine.effects, *use))
+
+    def always_led(self) -> FreeRunResiduals:
+        """The same, where simulations follow the measured speed whatever acts."""
+        found = copy.copy(self)
+        found._always_led = True
+        return found
 
     def angular(self, effects: Iterable[Effect]) -> bool:
         """Whether what one of the effects does depends on the angle.

@@ -119,6 +119,16 @@ def noise_there(
     return min(max(there, noise * (1 - chance)), noise * (1 + chance))
 
 
+def _chance(samples: Array) -> Array:
+    """By which sums of so many squares of noise may differ from their mean, in its variance."""
+    return NOISE_DEVIATIONS * np.sqrt(2.0 * samples)
+
+
+def beyond_noise(error: float, noise: float, samples: int) -> float:
+    """Power that an error has beyond what the noise may be by chance, at least 0 [rad^2/s^2]."""
+    return max(error**2 - noise**2 * (1.0 + float(_chance(np.float64(samples))) / samples), 0.0)
+
+
 def closed(
     experiments: Sequence[Experiment],
     before: Sequence[Array],
@@ -148,8 +158,12 @@ def closed(
     if len(experiments) < 2:
         return part, None
     pick = np.random.default_rng(seed).integers(0, size.size, (RESAMPLES, count or size.size))
-    below = gap[pick].sum(axis=1)
-    drawn = (was - now)[pick].sum(axis=1)[below > 0] / below[below > 0]
+    below, samples = gap[pick].sum(axis=1), size[pick].sum(axis=1)
+    # Of experiments whose gap is no more than noise may be, there is no part to be closed.
+    shown = below > noise**2 * np.maximum(THRESHOLDS.least_gap * samples, _chance(samples))
+    if not shown.any():
+        return part, None
+    drawn = (was - now)[pick].sum(axis=1)[shown] / below[shown]
     low, high = np.clip(np.quantile(drawn, [0.025, 0.975]), 0.0, 1.0)
     return part, (float(low), float(high))
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from ldt_core.base.arrays import Array
 from ldt_core.diagnosis.candidate import Candidate
-from ldt_core.diagnosis.effect_fit import EffectFit
+from ldt_core.diagnosis.effect_fit import EffectFit, fit
 from ldt_core.diagnosis.error_band import ErrorBand
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
 from ldt_core.diagnosis.law_departure import LawDepartures, own_laws
@@ -45,9 +45,8 @@ def plain_enough(simpler: EffectFit, best: EffectFit, behind: float, gap: float)
     Sets that differ only in the laws of their families are told apart by no less than a second
     effect of such a family must explain.
     """
-    mine, its = (sorted(c.effect.family or c.name for c in f.effects) for f in (simpler, best))
-    limits = THRESHOLDS
-    share = limits.same_family_of_gap if mine == its else limits.simpler_set_of_gap
+    limits, same = THRESHOLDS, simpler.families == best.families
+    share = limits.same_family_of_gap if same else limits.simpler_set_of_gap
     return simpler.free < best.free and behind <= share * gap
 
 
@@ -99,6 +98,7 @@ class FittedSets:
     fits: dict[Names, EffectFit] = field(default_factory=dict)
     scouted: dict[Names, EffectFit] = field(default_factory=dict)
     _cancelling: dict[Names, bool] = field(default_factory=dict)
+    _led: dict[EffectFit, EffectFit] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.departures = LawDepartures(self.residuals, self.base)
@@ -144,6 +144,19 @@ class FittedSets:
         found = [f for names, f in self.fits.items() if len(names) == count]
         return sorted((f for f in found if not self.cancels(f)), key=self.loss)
 
+    def beside(self, smaller: EffectFit, larger: EffectFit) -> EffectFit:
+        """The smaller set, simulated as the larger one is.
+
+        Where only the larger one's simulations follow the measured speed, it leaves less of what a
+        law that is not linear lacks, whatever its further members do.
+        """
+        if self.residuals.led(smaller.use) or not self.residuals.led(larger.use):
+            return smaller
+        if smaller not in self._led:
+            led = self.residuals.always_led()
+            self._led[smaller] = fit(led, smaller.members, smaller.z, own=smaller.own)
+        return min(smaller, self._led[smaller], key=lambda f: f.loss)
+
     def cancels(self, fitted: EffectFit) -> bool:
         """Whether two members of a set move the experiments in nearly opposite directions."""
         names = frozenset(fitted.names)
@@ -174,7 +187,7 @@ def worth_more(
         departing: True leaves out what laws that depart could explain as well, and what is a small
             part of the gap.
     """
-    band = found.band
+    band, smaller = found.band, found.beside(smaller, larger)
     # What only departures gain, of which a larger set has more, no further effect has explained.
     exact = band.speed_gain(smaller.residual, larger.residual)
     gain, left = min(found.behind(smaller, larger), exact), max(found.left(smaller), 0.0)

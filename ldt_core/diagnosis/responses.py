@@ -201,6 +201,8 @@ def simulate_all(
     given = own.use if own else []
     starts = own.starts if own else None
     base = residuals.of(given, starts=starts)
+    # What following the speed alone changes is no effect's response.
+    led = base if residuals.led(given) else residuals.always_led().of(given, starts=starts)
     span = following(own) if own else np.zeros((residuals.size, 0))
     owner: list[int] = []
     z: list[Array] = []
@@ -213,8 +215,8 @@ def simulate_all(
     def fill(i: int) -> int:
         c, own = candidates[i], [k for k, j in enumerate(owner) if j == i]
         uses = [[(c.effect, c.given(z[k])), *given] for k in own]
-        for k, left in zip(own, residuals.of_all(uses, starts=starts), strict=True):
-            rows[k] = base - left
+        for k, use, left in zip(own, uses, residuals.of_all(uses, starts=starts), strict=True):
+            rows[k] = (led if residuals.led(use) else base) - left
         return len(own)
 
     for count in spread(fill, len(candidates), workers):

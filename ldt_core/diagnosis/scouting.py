@@ -33,7 +33,7 @@ def of_each_kind(
     """
     kinds: dict[tuple[str, ...], list[EffectFit]] = {}
     for f in fits:
-        kind = kinds.setdefault(tuple(sorted(c.effect.family or c.name for c in f.effects)), [])
+        kind = kinds.setdefault(f.families, [])
         if not kind or (f.free < min(k.free for k in kind) and near(f, kind[0])):
             kind.append(f)
     return [[kind[0], *kind[1:][-1:]] for kind in kinds.values()]

@@ -156,7 +156,8 @@ def values(parameters: Mapping[str, ParameterAmount]) -> str:
     for name, a in parameters.items():
         unit, scale = ("mm", 1e3) if a.unit == "m" else (a.unit, 1.0)
         if a.ci95 is None:
-            parts.append(f"{name} not determined")
+            near = f"{name} near {a.value * scale:.2g} {unit}".rstrip()
+            parts.append(f"{near}, but not determined")
             continue
         spread = max(a.ci95[1] - a.value, a.value - a.ci95[0]) * scale
         digits = max(0, 1 - int(f"{spread:e}".split("e")[1])) if spread > 0 else 3

@@ -16,7 +16,7 @@ from ldt_core.base.experiment import Experiment
 from ldt_core.diagnosis.diagnosis import HeldOutErrors
 from ldt_core.diagnosis.effect_fit import EffectFit
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals, Used
-from ldt_core.diagnosis.holdout import errors, errors_of
+from ldt_core.diagnosis.holdout import beyond_noise, errors, errors_of
 from ldt_core.diagnosis.sentence import not_all_alike
 from ldt_core.diagnosis.start_states import ANGLE_TOLERANCE, StartStates
 from ldt_core.diagnosis.thresholds import THRESHOLDS
@@ -75,6 +75,10 @@ def objection(
                 f"it leaves {after.rmse:.3g} rad/s, where a linear model without physics leaves "
                 f"{power**0.5:.3g}"
             )
+    # What closes less than half of the gap elsewhere follows what the fitted experiments show.
+    sure, gap = beyond_noise(after.rmse, noise, speed.size), before.rmse**2 - noise**2
+    if sure > (1 - THRESHOLDS.further_effect_of_remainder) * gap:
+        return f"it leaves {after.rmse:.3g} of {before.rmse:.3g} rad/s on held-out experiments"
     return ""
 
 

@@ -292,16 +292,26 @@ def _largest_worth_its_parts(
 
 
 def _as_good(found: FittedSets, pool: Sequence[EffectFit]) -> list[EffectFit]:
-    """Sets that cannot be told from the first, by all channels and by the speed alone."""
+    """Sets that cannot be told from the first, by all channels and by the speed alone.
+
+    Nor what differs in laws of the same families by less than any law is off the machine's.
+    """
     best, limits = pool[0], THRESHOLDS
-    least, share = limits.indistinguishable_loss, limits.indistinguishable_of_remainder
-    reach = max(least, share * found.band.excess(best.residual))
-    speed_reach = max(least, share * found.band.speed_excess(best.residual))
-    return [
-        f
-        for f in pool
-        if found.loss(f) - found.loss(best) <= reach and found.behind(f, best) <= speed_reach
-    ]
+    share = limits.indistinguishable_of_remainder
+    left, gap = found.band.excess(best.residual), found.excess
+    speed_left = found.band.speed_excess(best.residual)
+    speed_gap = found.band.speed_gap(found.base, best.residual)
+
+    def as_good(f: EffectFit) -> bool:
+        off = limits.law_error**2 if f.families == best.families else 0.0
+        least = limits.indistinguishable_loss
+        reach, speed_reach = (
+            max(least, share * rest, off * whole)
+            for rest, whole in ((left, gap), (speed_left, speed_gap))
+        )
+        return found.loss(f) - found.loss(best) <= reach and found.behind(f, best) <= speed_reach
+
+    return [f for f in pool if as_good(f)]
 
 
 def _only_it_explains(found: FittedSets, best: EffectFit, simpler: EffectFit) -> bool:

@@ -168,7 +168,7 @@ class VerdictReport:
             words = not_standing(d.best.names, gap, where, self.objection)
         words = not_seen(gap, still) if blind else off or words
         refit = self._refit(whole, before, noise)
-        if strained and not (blind or off):
+        if not blind and (at_the_end(self.alone) if off else strained):
             words = STRAINED
         if d.kind == "none":
             words = enough(self.machine, refit, was.rmse) or words

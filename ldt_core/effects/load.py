@@ -40,7 +40,7 @@ GRAVITY_IMBALANCE = Effect(
         Parameter("phase", "rad", -math.pi, math.pi, 0.0, "at the start, phi", scale=1.0),
     ),
     typical={"torque": 0.1},
-    search={"torque": (0.02, 0.1)},
+    search={"torque": (0.02, 0.1, 0.4, 1.6, 6.4)},  # up to what the motor cannot lift
     torque=_gravity,
     needs=("J",),
     fastest=lambda values, voltage, torque, phase: math.sqrt(torque / values["J"]),

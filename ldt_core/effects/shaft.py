@@ -154,8 +154,8 @@ TORSIONAL_COMPLIANCE = Effect(
     typical={"share": 0.5},
     search={
         "share": (0.2, 0.6),
-        "stiffness": (0.07, 0.3, 1.0, 4.0, 16.0),
-        "damping": (0.003, 0.03),
+        "stiffness": (0.07, 0.3, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0),
+        "damping": (0.001, 0.02),
     },
     most_factor=1000.0,  # from swings of a few seconds to those that no sample shows
     on_parameters=_without_far_end,

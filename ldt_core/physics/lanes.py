@@ -38,7 +38,8 @@ class Lanes(types.Type):  # type: ignore[misc] # numba has no types
     """Eight float64."""
 
     def __init__(self) -> None:
-        super().__init__(name=f"Lanes{WIDTH}")  # known by it in caches of machine code
+        # Known by it in caches of machine code: another one where what lanes compute changes.
+        super().__init__(name=f"Lanes{WIDTH}b")
 
     def can_convert_from(self, _typingctx: Any, other: Any) -> Any:
         """Every number is eight of it."""
@@ -211,6 +212,7 @@ def _written(*kinds: Any) -> Any:
         def decorate(body: Any) -> Any:
             class Typed(ConcreteTemplate):  # type: ignore[misc]
                 cases = (signature(LANES, *kinds),)
+                unsafe_casting = False  # numba would take an exponent of 0.5 for 0
 
             infer_global(function)(Typed)
 
@@ -311,3 +313,11 @@ def _power(x, n):  # pragma: no cover - compiled
         x = x * x
         left >>= 1
     return 1.0 / result if n < 0 else result
+
+
+@_written(LANES, types.float64)(operator.pow)
+def _root(x, exponent):  # pragma: no cover - compiled
+    found = x
+    for i in range(WIDTH):
+        found = with_lane(found, i, lane(x, i) ** exponent)
+    return found

@@ -199,6 +199,33 @@ def test_a_law_that_decides_by_its_values_is_called_lane_by_lane():
         assert np.array_equal(states, alone(ROTOR, run))
 
 
+@pytest.mark.parametrize("exponent", [0.5, 1.5, 2.0, -1.0, 1.85])
+def test_a_power_that_is_no_whole_number_is_that_power(exponent):
+    """A law with |omega|^0.5 was computed with |omega|^0, and diagnosed as another."""
+    law = Effect(
+        name="power",
+        description="a drag of any power",
+        equation="torque = -c omega |omega|^n",
+        parameters=(Parameter("c", "N m", 0.0, default=0.0, description="c", scale=0.01),),
+        torque=_of_power(exponent),
+    )
+    random = np.random.default_rng(9)
+    runs = [
+        a_run(ROTOR, random, [], 0.0)._replace(effects=[(law, {"c": 1e-4 * c})])
+        for c in range(1, 11)
+    ]
+    assert law.compiled_for_lanes is not None
+    for run, states in zip(runs, simulated(ROTOR, runs), strict=True):
+        assert states == pytest.approx(alone(ROTOR, run), abs=1e-9)
+
+
+def _of_power(exponent):
+    def law(t, theta, omega, current, voltage, p):
+        return -p[0] * omega * (abs(omega) + 1.0) ** exponent
+
+    return law
+
+
 FUNCTIONS = {
     "sin": (njit(lambda x: math.sin(x)), 1.0),
     "cos": (njit(lambda x: math.cos(x)), 1.0),

@@ -106,11 +106,12 @@ def test_factors_are_told_from_increments():
 
 
 def test_a_small_motor_is_searched_with_small_torques():
-    """The bundled motor stalls at an eighth of the rotor's torque."""
+    """The bundled motor stalls at an eighth of the rotor's torque; a brake may take most of that."""
     c = candidate("coulomb_friction", "motor")
     stall = MOTOR.parameters["K_t"] * 12.0 / MOTOR.parameters["R"]
     assert c.typical["torque"] == pytest.approx(0.05 * stall / 4.8)
-    assert max(c.value(0, float(z[0])) for z in c.starts()) < 0.1 * stall
+    torques = [c.value(0, float(z[0])) for z in c.starts()]
+    assert min(torques) < 0.002 * stall < 0.5 * stall < max(torques) < stall
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from ldt_core.diagnosis.effect_set_search import EffectSetSearch
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
 from ldt_core.diagnosis.model_selection import earned, kin, plain_enough, worth_more
 from ldt_core.diagnosis.thresholds import THRESHOLDS
-from ldt_core.diagnosis.verdict import Decision, _no_cause, plainest
+from ldt_core.diagnosis.verdict import Decision, _as_good, _no_cause, plainest
 from ldt_core.effects import EFFECTS, get_effect
 
 GAP = 1e6  # power
@@ -178,6 +178,9 @@ class Noiseless:
 
     speed_excess = excess
 
+    def speed_gap(self, base, rest):
+        return GAP
+
     def speed_loss(self, rest):
         return rest**2
 
@@ -207,6 +210,9 @@ class Exact:
 
     def behind(self, fitted, best):
         return self.left(fitted) - self.left(best)
+
+    def beside(self, smaller, larger):
+        return smaller
 
 
 def test_a_simpler_set_may_leave_a_little_more_and_one_of_the_same_families_more():
@@ -299,6 +305,18 @@ def test_laws_of_one_family_that_hardly_differ_are_a_group():
     assert found[0.2] == [["stribeck_friction"]]
     ((*group,),) = found[0.01]
     assert group[0] == "stribeck_friction"  # what follows the machine best is what predicts it
+
+
+def test_laws_of_one_family_that_differ_by_less_than_laws_are_off_are_as_good():
+    """A filter of two poles, behind a slow winding, was a delay by e^26, and never a lag."""
+    off = LIMITS.law_error**2 * GAP
+    best = fitted("input_delay", "inertia", left=1.0)
+    for part, names in ((0.9, True), (1.1, False)):
+        relative = fitted("sensor_lag", "inertia", left=1.0 + part * off)
+        other = fitted("input_delay", "viscous_friction", left=1.0 + part * off)
+        found = _as_good(Exact(Noiseless()), [best, relative, other])
+        assert (relative in found) is names
+        assert other not in found
 
 
 def test_sets_that_differ_in_two_members_are_grouped_by_family():

@@ -10,10 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from recorded_machines import MOTOR, candidates, record
 
-from ldt_core.diagnosis.effect_fit import EffectFit
+from ldt_core.diagnosis.effect_fit import EffectFit, fit
 from ldt_core.diagnosis.effect_set_search import EffectSetSearch
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
-from ldt_core.diagnosis.responses import Responses
+from ldt_core.diagnosis.model_selection import worth_more
+from ldt_core.diagnosis.responses import Responses, simulate_all
 from ldt_core.diagnosis.set_fits import TriedSet
 
 TRIED = ("coulomb_friction", "viscous_friction", "quadratic_drag", "inertia", "sensor_gain")
@@ -109,3 +110,36 @@ def test_a_twin_beside_a_plainer_law_competes_too():
     found = [frozenset(f.names) for f in search.alternatives(base)]
     assert frozenset([names[1], names[2]]) in found
     assert len(found) == len(set(found))
+
+
+@pytest.fixture(scope="module")
+def limited():
+    """A search on a motor whose current is limited, and fits with a limit that is off."""
+    measured = record(MOTOR, "current_limit:limit=2", count=2, hold=30)
+    residuals = FreeRunResiduals(MOTOR, measured)
+    search = EffectSetSearch(residuals, candidates(MOTOR, ["current_limit", "gravity_imbalance"]))
+    limit, gravity = search.candidates
+    off = limit.coordinates({"limit": 1.8})
+    nothing = gravity.coordinates({"torque": 1e-9, "phase": 0.0})
+    alone = fit(residuals, [limit], [off], steps=1)
+    both = fit(residuals, [limit, gravity], [off, nothing], steps=2)
+    return search, alone, both, nothing
+
+
+def test_what_following_the_speed_alone_changes_is_no_response(limited):
+    """An effect of the angle that is as good as none does nothing beside a law that is off."""
+    search, alone, _, nothing = limited
+    gravity = search.candidates[1:]
+    about = simulate_all(search.residuals, gravity, own=alone, begun=lambda c: [nothing])
+    led = search.residuals.always_led().of(alone.use)
+    assert np.linalg.norm(led - alone.residual) > 10  # deviations of the noise
+    assert np.trace(about.gram) < 1e-6
+
+
+def test_an_effect_of_the_angle_earns_no_name_by_following_the_speed(limited):
+    """Beside a law that is off, any such effect leaves less, however small it is."""
+    search, alone, both, _ = limited
+    found = search.found
+    assert both.loss < 0.9 * alone.loss
+    assert found.beside(alone, both).loss < 1.05 * both.loss
+    assert not worth_more(found, alone, both, found.excess)

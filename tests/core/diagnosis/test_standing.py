@@ -101,6 +101,8 @@ def test_a_gap_far_below_the_noise_gets_no_verdict():
         ("inertia", math.log(20.0), 5.0, 0.11, "limit of the search (factor of inertia)"),
         ("inertia", 0.3, 300.0, 200.0, "stands still leaves"),
         ("inertia", 0.3, 5.0, 4.0, "a linear model without physics"),
+        ("inertia", 0.3, 0.11, 0.1, "leaves 0.1 of 0.11 rad/s on held-out experiments"),
+        ("inertia", 0.3, 0.0505, 0.0504, ""),  # a gap that noise may have made
         ("inertia", 0.3, 5.0, 0.11, ""),
         ("coulomb_friction", 0.0, 5.0, 0.11, ""),  # none is a machine, and no limit of a search
     ],
