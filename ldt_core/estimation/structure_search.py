@@ -24,6 +24,7 @@ from ldt_core.base.threads import spread
 from ldt_core.estimation.grey_box import GreyBox, Prior
 from ldt_core.estimation.grey_box_fit import GreyBoxFit, fit_grey_box, of_first
 from ldt_core.estimation.structure_screening import Present, Screened, Screening
+from ldt_core.physics.base import CURRENT
 from ldt_core.physics.effect import Effect
 
 #: Screenings, in turn until one explains: observer gain, and whether parameters that an effect
@@ -35,8 +36,9 @@ SCREENINGS = ((1.0, True), (0.1, False), (0.1, True))
 #: Place of the one before which laws are tried in detail.
 LAST_RESORT = 2
 WEAKEST = min(gain for gain, _ in SCREENINGS)
-#: Structures of each screening that are fitted whole: the best and its rival, and those that screen
-#: as well as that but for so many squared deviations (chi-square distribution, p = 0.001), at most.
+#: Structures of each screening that are fitted whole: the best and its rival; of a machine without
+#: a foundation, whose fits are short, all that screen as well as the best but for so many squared
+#: deviations (chi-square distribution, p = 0.001), at most.
 FINALISTS, CLOSE, MOST_FINALISTS = 2, 10.8, 5
 #: Structures that are screened between two pauses.
 AT_ONCE = 4
@@ -314,9 +316,10 @@ class StructureSearch(Screening):
                 break
             # What recovers less than half of what the best does is no rival of it.
             limit = best.cost + SERIOUS * (before.cost - best.cost)
+            rigid = len(self.machine.model.states) == CURRENT + 1
             found = [
                 Present(tried[i], results[i].given, present.prior)
-                for place, i in enumerate(order[:MOST_FINALISTS])
+                for place, i in enumerate(order[: MOST_FINALISTS if rigid else FINALISTS])
                 if results[i].cost <= (limit if place < FINALISTS else best.cost + CLOSE)
             ]
             led = best.explains

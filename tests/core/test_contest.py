@@ -470,7 +470,9 @@ def test_what_explains_the_newest_experiment_alone_replaces_nothing(present, mod
         left = dict(zip((1, 2, 3), errors, strict=True))
         return SimpleNamespace(
             machine=ldt.Machine(machine),
-            predict=lambda e: SimpleNamespace(residual=lambda e: np.full(4, left[e.number])),
+            predict=lambda e: SimpleNamespace(
+                residual=lambda e: np.full(4, left[e.number]), speed=np.zeros(4), speed_std=None
+            ),
         )
 
     *known, newest = pool
