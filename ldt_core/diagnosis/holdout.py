@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -119,14 +120,14 @@ def noise_there(
     return min(max(there, noise * (1 - chance)), noise * (1 + chance))
 
 
-def _chance(samples: Array) -> Array:
+def _chance(samples: Array | float) -> Any:
     """By which sums of so many squares of noise may differ from their mean, in its variance."""
     return NOISE_DEVIATIONS * np.sqrt(2.0 * samples)
 
 
 def beyond_noise(error: float, noise: float, samples: int) -> float:
     """Power that an error has beyond what the noise may be by chance, at least 0 [rad^2/s^2]."""
-    return max(error**2 - noise**2 * (1.0 + float(_chance(np.float64(samples))) / samples), 0.0)
+    return max(error**2 - noise**2 * (1.0 + float(_chance(samples)) / samples), 0.0)
 
 
 def closed(

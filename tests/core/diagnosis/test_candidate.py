@@ -106,7 +106,7 @@ def test_factors_are_told_from_increments():
 
 
 def test_a_small_motor_is_searched_with_small_torques():
-    """The bundled motor stalls at an eighth of the rotor's torque; a brake may take most of that."""
+    """The bundled motor stalls at an eighth of the rotor's torque, and a brake may stall it."""
     c = candidate("coulomb_friction", "motor")
     stall = MOTOR.parameters["K_t"] * 12.0 / MOTOR.parameters["R"]
     assert c.typical["torque"] == pytest.approx(0.05 * stall / 4.8)
