@@ -190,7 +190,9 @@ class StructureSearch(Screening):
             screened.append((gain, begin))
             led, grown = yield from self._grown(begin, library, gain, jointly, begin is present)
             best = grown[0] if led else present
-            for new in grown:
+            for place, new in enumerate(grown):
+                if place >= FINALISTS and not any(structure.explains for structure in found):
+                    break  # what explains nothing needs no more rivals
                 if all(set(new.effects) != set(other.box.effects) for other in found):
                     # What an observer cannot lead to noise hardly explains: its size will do, and
                     # there is no need of a rival. Nor has one that explains nothing to be sized.

@@ -27,8 +27,8 @@ from ldt_core.models.base import Model
 DIRECTIONS = 3
 #: Samples that a free run needs to tell anything about a machine.
 LEAST_SAMPLES = 20
-#: Samples of one experiment that a search works on: bounds its time. Of 3000 a search may take twice
-#: what it is granted at an experiment (`cause_search.STEPS`), of 2000 half; it finds the same.
+#: Samples of one experiment that a search works on: bounds its time. Of 3000, a search took twice
+#: what it is granted at an experiment (`cause_search.STEPS`), of 2000 half, and found the same.
 MOST_SAMPLES = 2_000
 #: Probability of one and the same start angle from which on it is used, and its rounding error:
 #: one angle alone leaves it even.
@@ -365,6 +365,7 @@ def _plain(prior: Prior) -> dict[str, Any]:
 
 def _prior(plain: Mapping[str, Any], count: int) -> Prior:
     mean, precision = (np.array(plain[n], dtype=np.float64) for n in ("mean", "precision"))
+    precision = precision.reshape(0, 0) if precision.size == 0 else precision  # JSON's empty list
     if mean.shape != (count,) or precision.shape != (count, count):
         raise ValueError(f"a prior of {mean.size} parameters where the machine has {count}")
     if count and float(np.linalg.eigvalsh(precision).min()) <= 0:

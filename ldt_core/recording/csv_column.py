@@ -84,7 +84,8 @@ class CsvColumn:
             more = f" ({self._bad_count} such cells)" if self._bad_count > 1 else ""
             where = f"{path}, line {line}, {self._where}"
             date = ", or a date such as 2026-03-01T08:00:00.5" if self._dated else ""
-            raise RecordingError(where, f"a finite number{date}", got + more)
+            empty = ", or an empty cell to skip the row" if self._lacking else ""
+            raise RecordingError(where, f"a finite number{date}{empty}", got + more)
         return np.concatenate(self._blocks)
 
     @property

@@ -17,6 +17,7 @@ from ldt_core.effects import get_effect
 from ldt_core.effects.base import Effect
 from ldt_core.lab.study.robustness.streams import STREAMS
 from ldt_core.machine.plant import Plant
+from ldt_core.models.grey_box import GreyBoxModel
 from ldt_core.physics.parameter import Parameter
 from ldt_core.restart.recorded_run import RecordedRun
 from ldt_core.restart.stage_restart import TwinRestart
@@ -482,3 +483,28 @@ def test_what_explains_the_newest_experiment_alone_replaces_nothing(present, mod
     assert not fails_before(erring(model), erring(present), newest, [], known)  # not known
     shaking = erring(present, "rotor")  # that a little catches
     assert not fails_before(erring(model), shaking, newest, known, [])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("truth", ["coulomb_friction", "constant_load"])
+def test_a_tie_is_told_apart_by_the_first_experiment_that_can(truth):
+    """A shaft that turns forward alone shows no friction's sign; the first reversal does.
+
+    What was not told apart explains both, and comes into force at once; it was lost before.
+    """
+    machine = ldt.Machine("dc_motor")
+    twin, random = Twin(machine), np.random.default_rng(4)
+    use = [(get_effect(truth), get_effect(truth).check({"torque": 0.02}))]
+    told = []
+    for k in range(1, 10):
+        volts = np.repeat(random.uniform(2.0 if 4 <= k < 7 else -9.0, 9.0, 8), 50)
+        start = machine.model.initial_state(machine.parameters, 0.0)
+        acting = use if k >= 4 else []
+        states = machine.model.simulate(machine.parameters, volts, 0.01, start, acting)
+        speed = states[:, 1] + 0.1 * random.standard_normal(volts.size)
+        step = twin.step(ldt.Experiment(k, 10.0 * k, 0.01, voltage=volts, speed=speed))
+        told.append((step.signal.state, step.adaptation.reason))
+    assert "not told apart" in told[3][1]
+    assert [state for state, _ in told[7:]] == ["holds", "holds"]
+    assert isinstance(twin.model, GreyBoxModel)
+    assert [e.name for e in twin.model.effects] == [truth]
