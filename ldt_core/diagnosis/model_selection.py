@@ -144,7 +144,7 @@ class FittedSets:
         found = [f for names, f in self.fits.items() if len(names) == count]
         return sorted((f for f in found if not self.cancels(f)), key=self.loss)
 
-    def beside(self, smaller: EffectFit, larger: EffectFit) -> EffectFit:
+    def simulated_as(self, smaller: EffectFit, larger: EffectFit) -> EffectFit:
         """The smaller set, simulated as the larger one is.
 
         Where only the larger one's simulations follow the measured speed, it leaves less of what a
@@ -187,7 +187,7 @@ def worth_more(
         departing: True leaves out what laws that depart could explain as well, and what is a small
             part of the gap.
     """
-    band, smaller = found.band, found.beside(smaller, larger)
+    band, smaller = found.band, found.simulated_as(smaller, larger)
     # What only departures gain, of which a larger set has more, no further effect has explained.
     exact = band.speed_gain(smaller.residual, larger.residual)
     gain, left = min(found.behind(smaller, larger), exact), max(found.left(smaller), 0.0)

@@ -142,11 +142,11 @@ class Candidates:
     def other_cause(
         self, model: Model, known: Sequence[Experiment], told: Sequence[Experiment]
     ) -> tuple[GreyBoxModel, str] | None:
-        """`alike`, at once, and its origin."""
-        found = finished(self.alike(model, known, told))
+        """`told_apart`, at once, and its origin."""
+        found = finished(self.told_apart(model, known, told))
         return None if found is None else (found, TOLD_APART)
 
-    def alike(
+    def told_apart(
         self, model: Model, known: Sequence[Experiment], told: Sequence[Experiment]
     ) -> Pausable[GreyBoxModel | None]:
         """A cause that was not told apart from this model's, if it explains what this one does not

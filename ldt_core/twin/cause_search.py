@@ -177,7 +177,7 @@ class CauseSearch:
     def _caused(self) -> Pausable[tuple[GreyBoxModel, str] | None]:
         """A model of causes that explains the experiment, known or searched for, and its origin."""
         asked, told = self.question, self.question.told
-        other = yield from self._candidates.alike(asked.versions[0], asked.known, told)
+        other = yield from self._candidates.told_apart(asked.versions[0], asked.known, told)
         if other is not None:
             return other, TOLD_APART
         best = yield from self._candidates.refitted(asked.versions, asked.known, told, asked.recent)

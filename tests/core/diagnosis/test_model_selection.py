@@ -211,7 +211,7 @@ class Exact:
     def behind(self, fitted, best):
         return self.left(fitted) - self.left(best)
 
-    def beside(self, smaller, larger):
+    def simulated_as(self, smaller, larger):
         return smaller
 
 

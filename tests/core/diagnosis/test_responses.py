@@ -141,5 +141,5 @@ def test_an_effect_of_the_angle_earns_no_name_by_following_the_speed(limited):
     search, alone, both, _ = limited
     found = search.found
     assert both.loss < 0.9 * alone.loss
-    assert found.beside(alone, both).loss < 1.05 * both.loss
+    assert found.simulated_as(alone, both).loss < 1.05 * both.loss
     assert not worth_more(found, alone, both, found.excess)
