@@ -16,6 +16,7 @@ from ldt_core.machine.machine_file import Machine, load_machine
 from ldt_core.physics.base import MAX_STEP, SPEED, FreeRun
 from ldt_core.physics.effect import Effect
 from ldt_core.physics.integrate import MAX_STEP_RATE
+from ldt_core.physics.lanes import WIDTH
 from ldt_core.physics.motor_driven import MotorDriven
 from ldt_core.physics.parameter import Parameter, Values
 
@@ -28,7 +29,6 @@ STEP_TOLERANCE = 0.02
 LEAST_CHANGE = 1e-3  # rad/s: values that change the speed less on every machine are not typical
 ECCENTRICITY = 0.004  # m; enough that an effect on the foundation can be seen
 DURATION = 6.0  # s, of a trial run
-BESIDE = 8  # runs that are computed at once
 SIDE_BY_SIDE_TOLERANCE = 1e-6  # rad/s, between a run beside others and alone: rounding
 BEYOND = 8  # numbers behind the parameters that a term must not read
 # (t [s], theta [rad], omega [rad/s], current [A], voltage [V]) at which a term is called by itself.
@@ -105,7 +105,7 @@ def _check_side_by_side(effect: Effect, machine: Machine) -> None:
     start, use = physics.initial_state(values, 0.0), [(effect, effect.check(effect.typical))]
     run = FreeRun(values, volts, PERIOD, start, use)
     alone = physics.simulate(values, volts, PERIOD, start, use)[:, SPEED]
-    for _, states in physics.simulate_all([run] * BESIDE):
+    for _, states in physics.simulate_all([run] * WIDTH):
         assert not isinstance(states, LdtError), f"{effect.name} on {machine.name}: {states}"
         off = float(np.abs(states[:, SPEED] - alone).max())
         assert off < SIDE_BY_SIDE_TOLERANCE, (

@@ -56,11 +56,6 @@ class Candidate:
         """Of the effect."""
         return self.effect.parameters
 
-    @property
-    def named(self) -> frozenset[str]:
-        """Names of its parameters."""
-        return frozenset(p.name for p in self.parameters)
-
     def __len__(self) -> int:
         return len(self.effect.parameters)
 

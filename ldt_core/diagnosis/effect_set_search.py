@@ -180,11 +180,9 @@ class EffectSetSearch(SetFits):
         self._scout([TriedSet(best.effects, best.z[:count], best.starts)])  # to its very end
         best = self._best(count)[0]
         one, two = self._about(best).explained_beside(best)
-        left = self.band.excess(best.residual)
-        return left >= enough and (
-            one > PROMISED * THRESHOLDS.further_effect_of_remainder * left
-            or two > THRESHOLDS.nearly_all_of_remainder * left
-        )
+        left, half = self.band.excess(best.residual), THRESHOLDS.further_effect_of_remainder
+        much = one > PROMISED * half * left or two > THRESHOLDS.nearly_all_of_remainder * left
+        return left >= enough and much
 
     def _gained(self, count: int) -> bool:
         """Whether the best set of a size takes away half of what the best smaller one leaves."""
@@ -346,8 +344,9 @@ class EffectSetSearch(SetFits):
             tries += [self._with(rest, c, z) for c, z, _ in ranked if c.name in names]
             # A law of the same parameters, or of fewer, begins where the member's fit has ended.
             given = member.given(base.z[leave])
-            like = (c for c in self.candidates if c.name in names and given.keys() >= c.named)
-            tries += [self._with(rest, c, c.coordinates(given)) for c in like]
+            for c in self.candidates:
+                if c.name in names and given.keys() >= c.effect.neutral.keys():
+                    tries.append(self._with(rest, c, c.coordinates(given)))
         return tries
 
     def _with_plainer_laws(self, base: EffectFit) -> list[EffectFit]:

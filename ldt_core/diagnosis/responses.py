@@ -215,8 +215,9 @@ def simulate_all(
     def fill(i: int) -> int:
         c, own = candidates[i], [k for k, j in enumerate(owner) if j == i]
         uses = [[(c.effect, c.given(z[k])), *given] for k in own]
-        for k, use, left in zip(own, uses, residuals.of_all(uses, starts=starts), strict=True):
-            rows[k] = (led if residuals.led(use) else base) - left
+        without = led if uses and residuals.led(uses[0]) else base
+        for k, left in zip(own, residuals.of_all(uses, starts=starts), strict=True):
+            rows[k] = without - left
         return len(own)
 
     for count in spread(fill, len(candidates), workers):

@@ -76,8 +76,8 @@ def objection(
                 f"{power**0.5:.3g}"
             )
     # What closes less than half of the gap elsewhere follows what the fitted experiments show.
-    sure, gap = beyond_noise(after.rmse, noise, speed.size), before.rmse**2 - noise**2
-    if sure > (1 - THRESHOLDS.further_effect_of_remainder) * gap:
+    sure, whole = beyond_noise(after.rmse, noise, speed.size), before.rmse**2 - noise**2
+    if sure > (1 - THRESHOLDS.further_effect_of_remainder) * whole:
         return f"it leaves {after.rmse:.3g} of {before.rmse:.3g} rad/s on held-out experiments"
     return ""
 

@@ -296,19 +296,18 @@ def _as_good(found: FittedSets, pool: Sequence[EffectFit]) -> list[EffectFit]:
 
     Nor what differs in laws of the same families by less than any law is off the machine's.
     """
-    best, limits = pool[0], THRESHOLDS
-    share = limits.indistinguishable_of_remainder
-    left, gap = found.band.excess(best.residual), found.excess
-    speed_left = found.band.speed_excess(best.residual)
-    speed_gap = found.band.speed_gap(found.base, best.residual)
+    best, band, limits = pool[0], found.band, THRESHOLDS
+    least, share = limits.indistinguishable_loss, limits.indistinguishable_of_remainder
+    of_all = max(least, share * band.excess(best.residual))
+    of_speed = max(least, share * band.speed_excess(best.residual))
+    off = limits.law_error**2
+    related = (
+        max(of_all, off * found.excess),
+        max(of_speed, off * band.speed_gap(found.base, best.residual)),
+    )
 
     def as_good(f: EffectFit) -> bool:
-        off = limits.law_error**2 if f.families == best.families else 0.0
-        least = limits.indistinguishable_loss
-        reach, speed_reach = (
-            max(least, share * rest, off * whole)
-            for rest, whole in ((left, gap), (speed_left, speed_gap))
-        )
+        reach, speed_reach = related if f.families == best.families else (of_all, of_speed)
         return found.loss(f) - found.loss(best) <= reach and found.behind(f, best) <= speed_reach
 
     return [f for f in pool if as_good(f)]

@@ -191,12 +191,13 @@ class StructureSearch(Screening):
             led, grown = yield from self._grown(begin, library, gain, jointly, begin is present)
             best = grown[0] if led else present
             for place, new in enumerate(grown):
-                if place >= FINALISTS and not any(structure.explains for structure in found):
+                explained = any(structure.explains for structure in found)
+                if place >= FINALISTS and not explained:
                     break  # what explains nothing needs no more rivals
                 if all(set(new.effects) != set(other.box.effects) for other in found):
                     # What an observer cannot lead to noise hardly explains: its size will do, and
                     # there is no need of a rival. Nor has one that explains nothing to be sized.
-                    sized = led and not any(structure.explains for structure in found)
+                    sized = led and not explained
                     found.append((yield from self.fitted(new, new.effects, sized=sized)))
                 if not led and not found[-1].explains:
                     break

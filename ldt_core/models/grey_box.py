@@ -277,13 +277,9 @@ class GreyBoxModel(Model):
             LdtError: no or too few samples.
         """
         search, found = self.search_on(experiments), []
-        kept, given = self.effects[:-1], self.present.given
         for name in self.parameters["alike"]:
-            other = self.machine.effect(name)
-            laws = (*kept, other)
-            values = {e.name: given.get(e.name, e.neutral) for e in laws}
-            begin = Present(laws, values, self.present.prior)
-            found.append((yield from search.fitted(begin, laws, sized=False)))
+            laws = (*self.effects[:-1], self.machine.effect(name))
+            found.append((yield from search.fitted(self.present, laws, sized=False)))
         return [self.adopt(f, experiments) for f in sorted(found, key=lambda f: f.score)]
 
     def noise_of(self, experiment: Experiment) -> float:

@@ -38,8 +38,6 @@ MOST = 2 * POOL
 FLEXIBLE, SMOOTH = "remainder", "hybrid"
 #: Parts of an experiment, each of which is held back once from a model that learns from the others.
 PARTS = 2
-#: Origin of a cause that two conditions have told apart.
-TOLD_APART = "has a cause that was not told apart before, and explains both"
 #: What learning can fail by.
 UNLEARNABLE = (LdtError, np.linalg.LinAlgError, ArithmeticError)
 
@@ -139,18 +137,11 @@ class Candidates:
                     break
         return min(found, key=lambda m: squared_error(m, told), default=None)
 
-    def other_cause(
-        self, model: Model, known: Sequence[Experiment], told: Sequence[Experiment]
-    ) -> tuple[GreyBoxModel, str] | None:
-        """`told_apart`, at once, and its origin."""
-        found = finished(self.told_apart(model, known, told))
-        return None if found is None else (found, TOLD_APART)
-
     def told_apart(
         self, model: Model, known: Sequence[Experiment], told: Sequence[Experiment]
-    ) -> Pausable[GreyBoxModel | None]:
-        """A cause that was not told apart from this model's, if it explains what this one does not
-        and all that this one has learned from: the tie was decided wrongly.
+    ) -> Pausable[tuple[GreyBoxModel, str] | None]:
+        """A cause that was not told apart from this model's, and its origin, if it explains what
+        this one does not and all that this one has learned from: the tie was decided wrongly.
 
         Args:
             known: that the model has learned from.
@@ -162,7 +153,7 @@ class Candidates:
         with suppress(*UNLEARNABLE):
             for rival in (yield from model.with_alike_causes(pool)):
                 if explains_all(rival, pool):
-                    return rival
+                    return rival, "has a cause that was not told apart before, and explains both"
         return None
 
     def _with_more(

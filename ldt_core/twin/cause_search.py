@@ -11,7 +11,7 @@ from ldt_core.base.pausable import Pausable, finished, within
 from ldt_core.base.threads import one_thread
 from ldt_core.models.base import Model
 from ldt_core.models.grey_box import GreyBoxModel
-from ldt_core.twin.candidates import POOL, TOLD_APART, Candidates
+from ldt_core.twin.candidates import POOL, Candidates
 from ldt_core.twin.stage import Archive
 from ldt_core.twin.version_errors import explains_all, gains
 
@@ -179,7 +179,7 @@ class CauseSearch:
         asked, told = self.question, self.question.told
         other = yield from self._candidates.told_apart(asked.versions[0], asked.known, told)
         if other is not None:
-            return other, TOLD_APART
+            return other
         best = yield from self._candidates.refitted(asked.versions, asked.known, told, asked.recent)
         if best is not None and not explains_all(best, told):
             best = None

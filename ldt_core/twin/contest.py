@@ -7,7 +7,9 @@ from dataclasses import replace
 from typing import Any
 
 from ldt_core.base.experiment import FAILED, Action, Adaptation, Experiment, Level, Signal
+from ldt_core.base.pausable import finished
 from ldt_core.base.sentences import counted
+from ldt_core.base.threads import one_thread
 from ldt_core.models.base import Model
 from ldt_core.models.grey_box import GreyBoxModel
 from ldt_core.twin.adaptor import PASSED_OVER, ROLLED_BACK
@@ -110,10 +112,13 @@ class ContestAdaptor(KnownVersions):
         found, details = self._trained(search, experiment, signal), {}
         sure = True  # of what has changed
         long = self.watch.worse and not alike(self.model, self.original)
-        seen = signal.level is not Level.NEGATIVE or signal.state != "new_range"
-        if found is None and not seen and self.watch.worse_now:
-            found = self.candidates.other_cause(self.model, self.learned_from, [experiment])
-        if found is None and (long or (not seen and self.watch.worse_now)):
+        new = signal.level is Level.NEGATIVE and signal.state == "new_range"
+        beaten = new and self.watch.worse_now
+        if found is None and beaten:
+            about = self.model, self.learned_from, [experiment]
+            with one_thread():
+                found = finished(self.candidates.told_apart(*about))
+        if found is None and (long or beaten):
             where = self.watch.why if long else "errs less in this new range"
             found, details[ORIGINAL] = (self.original, f"is the original again, which {where}"), 1.0
             self._pick = self.model if long else self.original

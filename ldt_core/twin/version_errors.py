@@ -159,8 +159,11 @@ def fails_before(
     if len(present.machine.model.states) > CURRENT + 1:
         return False
     known = [e for e in learned if e.same_period(experiment)]
-    since = max((e.start for e in known), default=math.inf)
-    known += [e for e in recent if (e.start > since if known else explains(present, e))]
+    if known:
+        since = max(e.start for e in known)
+        known += [e for e in recent if e.start > since]
+    else:
+        known = [e for e in recent if explains(present, e)]
     now = rms_error(present, experiment)
     changed = all(now > FAR * rms_error(present, e) for e in known)
     return not changed and any(rms_error(model, e) > FAR * now for e in known)
