@@ -33,6 +33,7 @@ TEST = [
     "import-linter>=2.0",
     "mcap-ros2-support>=0.5.5",
     "mkdocs-material>=9.5.32",
+    "mujoco>=3.3",
     "mypy>=1.18",
     "pandas>=2.2",
     "pre-commit>=4",

@@ -20,6 +20,8 @@ from ldt_core.diagnosis.effect_fit import EffectFit, by_member
 from ldt_core.diagnosis.effect_set_search import EffectSetSearch
 from ldt_core.diagnosis.nominal_prior import masses_leave_open
 from ldt_core.machine.machine_file import Machine
+from ldt_core.physics.machine_sizes import is_limit
+from ldt_core.physics.parameter import logarithmic
 
 DEVIATIONS = 1.96  # half width of a 95 % interval of a normal distribution
 REMAINDER_SHAPES = 3.0  # independent shapes that a remainder is taken to consist of
@@ -83,6 +85,24 @@ def amounts(fit: EffectFit, left: float, gap: float) -> dict[str, dict[str, Para
                     interval = value - half, value + half
             own[p.name] = ParameterAmount(c.value(j, float(z[j])), p.unit, interval)
         found[c.name] = own
+    return found
+
+
+def vague(fit: EffectFit, left: float, gap: float) -> list[str]:
+    """Members whose amounts may all be none, by their 95 % intervals; as of `covariance`.
+
+    Amounts are those whose neutral value is 0, or 1 of a factor; a limit has no such value.
+    """
+    found = []
+    for c, z, spread in zip(fit.effects, fit.z, deviations(fit, left, gap), strict=False):
+        amount = [
+            abs(float(z[j]) - c.coordinate(j, p.default)) > DEVIATIONS * float(spread[j])
+            for j, p in enumerate(c.parameters)
+            if p.default == 0 or (logarithmic(p) and not is_limit(p))
+            if not p.cyclic
+        ]
+        if amount and not any(amount):
+            found.append(c.name)
     return found
 
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ldt_core.base.arrays import Array
+from ldt_core.diagnosis.attribution import vague
 from ldt_core.diagnosis.confidence import decades
 from ldt_core.diagnosis.effect_fit import EffectFit
 from ldt_core.diagnosis.effect_set_search import EffectSetSearch
@@ -163,9 +164,15 @@ def _without_the_vague(
     """The set without a member that any of several families could be; None if there is none.
 
     Where laws that depart explain as much, what speaks for a further effect is that only it leaves
-    noise alone. That is not so where quite different laws do as well in its place.
+    noise alone. That is not so where quite different laws do as well in its place. Nor is one named
+    whose amount may be none, as long as the others are a cause without it.
     """
     best = alike[0]
+    left = search.found.band.speed_excess(best.residual)
+    for name in vague(best, left, gap) if len(best.effects) > 1 else ():
+        part = search.subset(best, [n for n in best.names if n != name])
+        if not _no_cause(search.found, part, gap):
+            return part
     family = {c.name: c.effect.family or c.name for f in alike for c in f.effects}
     for group in _groups(best, alike) if len(best.effects) > 1 else ():
         if len({family[name] for name in group}) < 2:

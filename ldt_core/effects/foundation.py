@@ -42,7 +42,7 @@ FOUNDATION_STIFFNESS = Effect(
     equation="K_x := x K_x, K_y := y K_y",
     parameters=(factor_of("of K_x", "x"), factor_of("of K_y", "y")),
     typical={"x": 0.8, "y": 0.8},
-    search={"x": (0.7, 0.9, 1.0, 1.1, 1.4), "y": (0.7, 0.9, 1.0, 1.1, 1.4)},
+    search={"x": (0.5, 0.7, 0.9, 1.0, 1.1, 1.4, 2.0), "y": (0.5, 0.7, 0.9, 1.0, 1.1, 1.4, 2.0)},
     on_parameters=lambda values, x, y: _axes(values, "K", x, y),
     needs=("K_x", "K_y"),
     reference=BISOI,

@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from ldt_core.physics.base import Physics
     from ldt_core.physics.effect import Effect
 
+NEEDED = ("J", "K_t", "R", "L", "b")  # of a motor: effects and start states find them by name
+
 
 class Stated(NamedTuple):
     """What a machine file states of its parameters, known effects' (`effect.parameter`) included.
@@ -74,9 +76,15 @@ def stated_parameters(source: str, physics: Physics, given: Mapping[str, Any]) -
     """The parameters of a physics, each a number or {value, std}; defaults where they are missing.
 
     Raises:
-        MachineFileError: an unknown or missing name, or a value that is none or out of bounds.
+        MachineFileError: a physics without the motor's parameters, an unknown or missing name, or
+            a value that is none or out of bounds.
     """
     where = f"{source}, parameters"
+    missing = [n for n in NEEDED if n not in {p.name for p in physics.parameters}]
+    if missing:
+        expected = f"one with parameters {', '.join(NEEDED)}, which effects and start states need"
+        got = f"{physics.name} without {', '.join(missing)}"
+        raise MachineFileError(f"{source}, physics", expected, got)
     needed = tuple(p.name for p in physics.parameters if p.default is None)
     known = tuple(p.name for p in physics.parameters)
     check_keys(where, given, needed, tuple(n for n in known if n not in needed))

@@ -1,6 +1,6 @@
 """What the twin asks of whatever simulates a machine: the narrow interface of every physics.
 
-A simulator of somebody else joins by a subclass of its own; what this project integrates itself is
+A simulator of somebody else joins by `simulator.Simulator`; what this project integrates itself is
 `motor_driven.MotorDriven`.
 """
 
@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError
+from ldt_core.physics.motor_rates import inductance
 from ldt_core.physics.parameter import Parameter, Values
 
 if TYPE_CHECKING:
@@ -106,7 +107,6 @@ class Physics(abc.ABC):
         """The parameters with the machine's known effects on them, see `known_effects`."""
         return values
 
-    @abc.abstractmethod
     def state_space(self, values: Values) -> tuple[Array, Array, Array, Array]:
         """The motor as a continuous-time linear system.
 
@@ -114,15 +114,22 @@ class Physics(abc.ABC):
             A (2, 2), B (2, 1), C (1, 2), D (1, 1); states current [A] and speed [rad/s], input
             voltage [V], output speed [rad/s]. Exact whenever `is_linear`.
         """
+        k, r, j, b = (values[n] for n in ("K_t", "R", "J", "b"))
+        own = inductance(values)
+        a = np.array([[-r / own, -k / own], [k / j, -b / j]])
+        return a, np.array([[1 / own], [0.0]]), np.array([[0.0, 1.0]]), np.zeros((1, 1))
 
-    @abc.abstractmethod
     def initial_state(self, values: Values, speed: float, current: float | None = None) -> Array:
         """(n,) state at the first sample of an experiment, from speed [rad/s] and current [A]
         there.
 
         Without a current it is the one that would hold that speed, b omega / K_t, which is exact at
-        rest and in steady running. The angle is 0 and the foundation at rest.
+        rest and in steady running. The angle and all further states are 0: a foundation is at rest.
         """
+        state = np.zeros(len(self.states))
+        state[SPEED] = speed
+        state[CURRENT] = values["b"] * speed / values["K_t"] if current is None else current
+        return state
 
     def running_state(
         self, values: Values, speed: float, angle: float, current: float | None = None
@@ -192,6 +199,23 @@ class Physics(abc.ABC):
                 return error
 
         return enumerate(spread(alone, len(runs), workers))
+
+    def switches(
+        self, values: Values, times: Array, volts: Array, state: Array, effects: Effects
+    ) -> tuple[Array, Array]:
+        """(S,) times [s] and (S,) levels [V] of the voltage behind the effects on it.
+
+        What the supply gave before the first sample is taken to be what keeps the first state
+        steady.
+        """
+        before = values["R"] * state[CURRENT] + values["K_t"] * state[SPEED]
+        at, levels = np.concatenate([[-np.inf], times]), np.concatenate([[before], volts])
+        for effect, given in effects:
+            if effect.on_voltage is not None:
+                at, levels = effect.switched(at, levels, given)
+        if np.array_equal(at[1:], times):  # back on the samples' grid, where linear is exact
+            at, levels = at[1:], levels[1:]
+        return at, np.ascontiguousarray(levels)
 
     def measure(
         self, states: Array, period: float, effects: Effects = (), values: Values | None = None

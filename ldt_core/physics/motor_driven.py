@@ -78,20 +78,6 @@ class MotorDriven(Physics):
     def system(self, values: Values) -> tuple[Array, Array]:
         """The whole linear system: A (n, n) and B (n,) of d(state)/dt = A state + B voltage."""
 
-    def state_space(self, values: Values) -> tuple[Array, Array, Array, Array]:
-        """The motor: states current and speed, see `Physics`."""
-        k, r, j, b = (values[n] for n in ("K_t", "R", "J", "b"))
-        own = inductance(values)
-        a = np.array([[-r / own, -k / own], [k / j, -b / j]])
-        return a, np.array([[1 / own], [0.0]]), np.array([[0.0, 1.0]]), np.zeros((1, 1))
-
-    def initial_state(self, values: Values, speed: float, current: float | None = None) -> Array:
-        """The angle is 0 and the foundation at rest; see `Physics` for the rest."""
-        state = np.zeros(len(self.states))
-        state[SPEED] = speed
-        state[CURRENT] = values["b"] * speed / values["K_t"] if current is None else current
-        return state
-
     def simulate(
         self,
         values: Values,
@@ -148,7 +134,7 @@ class MotorDriven(Physics):
         times = sample_times(volts.size, run.period)
         switches = times, volts
         if any(effect.on_voltage is not None for effect, _ in run.effects):
-            switches = self._switches(values, times, volts, state, run.effects)
+            switches = self.switches(values, times, volts, state, run.effects)
         on_grid = switches[0] is times or np.array_equal(switches[0], times)
         terms = [(term, p) for e, p in run.effects for term in e.terms]
         exact = on_grid and not terms and self.is_linear(values)
@@ -295,23 +281,6 @@ class MotorDriven(Physics):
     def discretised(self, values: Values, period: float) -> tuple[Array, Array]:
         """Ad (n, n), Bd (n,) of the linear system over a sample period [s], exactly."""
         return _discretised(self, tuple(values[p.name] for p in self.parameters), period)
-
-    def _switches(
-        self, values: Values, times: Array, volts: Array, state: Array, effects: Effects
-    ) -> tuple[Array, Array]:
-        """Times and levels of the voltage behind the effects on it.
-
-        What the supply gave before the first sample is taken to be what keeps the first state
-        steady.
-        """
-        before = values["R"] * state[CURRENT] + values["K_t"] * state[SPEED]
-        at, levels = np.concatenate([[-np.inf], times]), np.concatenate([[before], volts])
-        for effect, given in effects:
-            if effect.on_voltage is not None:
-                at, levels = effect.switched(at, levels, given)
-        if np.array_equal(at[1:], times):  # back on the samples' grid, where linear is exact
-            at, levels = at[1:], levels[1:]
-        return at, np.ascontiguousarray(levels)
 
 
 def _writable(numbers: Array) -> Array:

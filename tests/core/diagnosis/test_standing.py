@@ -14,6 +14,7 @@ from ldt_core.diagnosis.diagnosis import HeldOutErrors
 from ldt_core.diagnosis.effect_fit import EffectFit
 from ldt_core.diagnosis.effect_set_search import EffectSetSearch
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
+from ldt_core.diagnosis.holdout import errors, free_run
 from ldt_core.diagnosis.nominal import beyond
 from ldt_core.diagnosis.nominal_prior import NominalPrior
 from ldt_core.diagnosis.standing import objection
@@ -201,3 +202,21 @@ def test_a_gap_larger_than_all_that_moves_is_not_closed_by_what_hardly_follows_t
     effects = [get_effect(n) for n in ("quadratic_drag", "viscous_friction", "motor_constant")]
     found = diagnose(MOTOR, experiments, effects=effects, workers=1)
     assert found.verdict.kind == "unknown"
+
+
+def test_an_effect_that_hardly_acts_in_what_is_held_out_is_not_refuted():
+    """A soft limit that those held out just reach, and the fitted ones plainly."""
+    limit = get_effect("voltage_saturation")
+    experiments = record(MOTOR, "voltage_saturation:limit=6", count=6)
+    held = [replace(e, voltage=0.4 * e.voltage) for e in record(MOTOR, count=6)[4:]]
+    for k, e in enumerate(held):
+        run = free_run(MOTOR, e, [(get_effect("sensor_gain"), {"factor": 0.995})])
+        noise = np.random.default_rng(k).normal(0, NOISE, len(e))
+        held[k] = replace(e, speed=run + noise)
+    (own,) = candidates(MOTOR, ["voltage_saturation"])
+    z = own.coordinates({"limit": 6.0})
+    fit = EffectFit((own,), (z,), np.zeros(1), np.zeros((1, 1)), 0.0)
+    was = errors(held, [free_run(MOTOR, e) for e in held])
+    now = errors(held, [free_run(MOTOR, e, [(limit, {"limit": 6.0})]) for e in held])
+    assert now.rmse >= was.rmse > NOISE
+    assert objection(MOTOR, fit, experiments[:4], held, was, now, NOISE) == ""

@@ -1,0 +1,162 @@
+"""Somebody else's simulator as a physics: an engine that advances a machine by a short step.
+
+The engine is asked for one thing, `Simulator.advance`. Effects act from outside, so that all of
+them can be simulated and diagnosed: a torque on the shaft and a voltage at the terminals, both held
+over a step. What comes out is accurate to the first order of the step.
+"""
+
+from __future__ import annotations
+
+import abc
+import threading
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ldt_core.base.arrays import Array
+from ldt_core.base.errors import LdtError, described, reason_of
+from ldt_core.physics.base import (
+    ANGLE,
+    CURRENT,
+    MAX_STEP,
+    NOT_TRACKED,
+    SPEED,
+    Effects,
+    Physics,
+    Tracked,
+)
+from ldt_core.physics.parameter import Values
+
+_ENGINE = threading.RLock()  # most engines work on one state, which no two threads may write
+
+
+class Simulator(Physics):
+    """A physics whose `advance` calls an engine; it needs a name, parameters and this method.
+
+    Effects and start states find the motor's `J`, `K_t`, `R`, `L` and `b` among the parameters.
+    """
+
+    states = ("theta", "omega", "current")
+    #: Longest step [s] that `advance` is asked for.
+    step: float = 1e-3
+
+    @abc.abstractmethod
+    def advance(
+        self, values: Values, state: Array, voltage: float, torque: float, duration: float
+    ) -> ArrayLike:
+        """The state a short time later.
+
+        Args:
+            values: the machine's parameters, with effects on them.
+            state: (n,) angle [rad], speed [rad/s], current [A], then what `states` names.
+            voltage: at the terminals [V], constant meanwhile.
+            torque: from outside, on the shaft [N m], constant meanwhile.
+            duration: at most `step` [s].
+
+        Returns:
+            (n,) state. It must follow from the arguments alone: an engine that remembers more, such
+            as the last contact, has to be set back to what they say.
+        """
+
+    def is_linear(self, values: Values) -> bool:
+        """Nothing is known of an engine's equations."""
+        return False
+
+    def shakes(self, values: Values) -> bool:
+        """Whether the speed depends on the angle by itself; override it where that is so."""
+        return False
+
+    def simulate(
+        self,
+        values: Values,
+        voltage: ArrayLike,
+        period: float,
+        initial: ArrayLike,
+        effects: Effects = (),
+        max_step: float = MAX_STEP,
+        tracked: Tracked = NOT_TRACKED,
+        least_step: float = 0.0,
+    ) -> Array:
+        """Free run by steps of the engine; `step` takes the place of `max_step`."""
+        volts = np.asarray(voltage, dtype=np.float64)
+        times = period * np.arange(volts.size)
+        state = np.array(initial, dtype=np.float64)
+        for effect, given in effects:
+            values = effect.change_parameters(self, values, given)
+        at, levels = self.switches(values, times, volts, state, effects)
+        acting = _Acting(values, effects, len(self.states), state)
+        most = float(np.abs(levels).max())
+        rate = max([0.0, *(e.rate(values, most, p) for e, p in acting.terms)])
+        longest = min(self.step, 1 / rate) if rate > 0 else self.step
+        steps = max(1, int(np.ceil(period / max(longest, least_step) - 1e-9)))
+        states = np.zeros((volts.size, len(self.states) + acting.own.size))
+        state = state[: len(self.states)]
+        duration = period / steps
+        fine = (times[:-1, None] + duration * (np.arange(steps) + 0.5)).ravel()
+        held = levels[np.searchsorted(at, fine, side="right") - 1]
+        followed, gain = tracked
+        with _ENGINE:
+            for k in range(volts.size):
+                states[k] = np.concatenate([state, acting.own])
+                if not np.isfinite(states[k]).all():
+                    raise LdtError(
+                        f"the simulation of {self.name} diverged: its state is not finite "
+                        f"{times[k]:g} s after the start"
+                    )
+                if gain > 0:
+                    state[SPEED] += gain * (followed[k] - state[SPEED])
+                for j in range(k * steps, min((k + 1) * steps, held.size)):
+                    now = j * duration
+                    torque, terminal = acting.on(now, state, held[j], duration)
+                    state = self._advanced(values, state, terminal, torque, duration)
+        return states
+
+    def _advanced(
+        self, values: Values, state: Array, voltage: float, torque: float, duration: float
+    ) -> Array:
+        try:
+            later = np.array(self.advance(values, state, voltage, torque, duration), dtype=float)
+        except (LdtError, KeyboardInterrupt):
+            raise
+        except Exception as error:
+            raise LdtError(f"physics {self.name}, advance: {reason_of(error)}") from error
+        if later.shape != state.shape:
+            raise LdtError(
+                f"physics {self.name}, advance: expected {state.size} states, got "
+                f"{described(later)}"
+            )
+        return later
+
+
+class _Acting:
+    """The torques and voltages of effects, with the states that they have of their own."""
+
+    def __init__(self, values: Values, effects: Effects, count: int, initial: Array) -> None:
+        self.terms = [(term, given) for e, given in effects for term in e.terms]
+        self._given = [
+            np.array([*(p[n.name] for n in e.parameters), *(values[n] for n in e.needs), 0.0])
+            for e, p in self.terms
+        ]
+        first = (v for e, p in self.terms for v in e.first_states(initial, p))
+        self.own = np.array(list(initial[count:]) or list(first), dtype=np.float64)
+
+    def on(self, t: float, state: Array, voltage: float, duration: float) -> tuple[float, float]:
+        """Torque [N m] and terminal voltage [V] now; own states go on by `duration` [s]."""
+        torque, terminal, first = 0.0, voltage, 0
+        now = t, state[ANGLE], state[SPEED], state[CURRENT], voltage
+        for (effect, _), given in zip(self.terms, self._given, strict=True):
+            function = effect.torque or effect.terminal
+            assert function is not None
+            if effect.states:
+                own = self.own[first : first + len(effect.states)]
+                rate = np.zeros(own.size)
+                value = function(*now, given, own, rate)
+                own += duration * rate
+                first += own.size
+            else:
+                value = function(*now, given)
+            if effect.terminal is None:
+                torque += value
+            else:
+                terminal += value
+        return torque, terminal

@@ -1,0 +1,115 @@
+"""Somebody else's engine as the physics: effects act on it as on the equations of our own."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from ldt_core.base.errors import LdtError, MachineFileError
+from ldt_core.diagnosis.diagnose import diagnose
+from ldt_core.effects import EFFECTS, get_effect
+from ldt_core.machine import Plant
+from ldt_core.machine.machine_file import Machine, load_machine
+from ldt_core.physics import PHYSICS
+from ldt_core.physics.motor import MOTOR, Motor
+from ldt_core.physics.simulator import Simulator
+
+VALUES = {"J": 1e-3, "K_t": 0.05, "R": 1.0, "L": 2e-3, "b": 1e-4}
+PERIOD = 0.01
+
+
+class Engine(Simulator):
+    """A motor by semi-implicit Euler steps, which stands for an engine."""
+
+    name, parameters, step = "engine", Motor.parameters, 1e-4
+
+    def advance(self, values, state, voltage, torque, duration):
+        theta, omega, current = state
+        aim = (voltage - values["K_t"] * omega) / values["R"]
+        current = aim + (current - aim) * math.exp(-duration * values["R"] / values["L"])
+        push = values["K_t"] * current + torque - values["b"] * omega
+        omega += duration * push / values["J"]
+        return theta + duration * omega, omega, current
+
+
+def voltage() -> np.ndarray:
+    return np.repeat([6.0, -4.0, 0.0, 8.0], 40)
+
+
+@pytest.mark.parametrize("name", [n for n in EFFECTS.names() if not n.startswith("foundation")])
+def test_every_effect_acts_as_on_our_own_equations(name):
+    """To the first order of the step, whichever stage it acts on, own states included."""
+    effect = get_effect(name)
+    try:
+        effect.require(MOTOR)
+    except LdtError:
+        pytest.skip("the motor alone cannot have it")
+    acting = [(effect, effect.check(effect.typical))]
+    initial = MOTOR.initial_state(VALUES, 5.0)
+    ours = MOTOR.simulate(VALUES, voltage(), PERIOD, initial, acting)
+    engine, shown, off = Engine(), MOTOR.measure(ours, PERIOD, acting), []
+    for step in (1e-4, 0.5e-4):
+        engine.step = step
+        theirs = engine.simulate(VALUES, voltage(), PERIOD, initial, acting)
+        assert theirs.shape == ours.shape
+        off.append(np.abs(engine.measure(theirs, PERIOD, acting) - shown).max())
+    healthy = MOTOR.simulate(VALUES, voltage(), PERIOD, initial)[:, 1]
+    size = max(np.abs(shown - healthy).max(), 1.0)
+    assert off[0] < 0.1 * size
+    assert off[1] < max(0.7 * off[0], 1e-3 * size)
+
+
+def test_a_run_follows_the_measured_speed_as_ours_does():
+    initial, measured = np.zeros(3), np.linspace(0, 80, voltage().size)
+    about = VALUES, voltage(), PERIOD, initial
+    ours = MOTOR.simulate(*about, tracked=(measured, 0.3))
+    theirs = Engine().simulate(*about, tracked=(measured, 0.3))
+    assert np.abs(ours - theirs)[:, 1].max() < 0.5
+
+
+def machine(kind: type[Simulator], monkeypatch: pytest.MonkeyPatch) -> Machine:
+    monkeypatch.setitem(vars(PHYSICS), "get", lambda _name: kind())
+    return load_machine("dc_motor")
+
+
+@pytest.mark.slow
+def test_a_diagnosis_names_what_acts_on_an_engine(monkeypatch):
+    """All of its search runs through `advance`."""
+
+    class Coarse(Engine):
+        step = 2.5e-3
+
+    engine = machine(Coarse, monkeypatch)
+    acting = [(get_effect("viscous_friction"), {"b": 4e-4})]
+    plant = Plant(engine, experiments=2, seed=3, degradation="none", noise=0.05, effects=acting)
+    experiments = [e.part(0, 120) for e in (plant.experiment(i) for i in (1, 2))]
+    effects = [get_effect("viscous_friction"), get_effect("sensor_gain")]
+    found = diagnose(engine, experiments, effects=effects, workers=1)
+    assert found.verdict.acting == [["viscous_friction"]]
+
+
+@pytest.mark.parametrize(
+    ("answer", "sentence"),
+    [
+        (lambda state: state[:2], r"engine, advance: expected 3 states, got .*2"),
+        (lambda state: 1 / 0, "engine, advance: ZeroDivisionError"),
+        (lambda state: state * np.nan, "engine diverged"),
+    ],
+)
+def test_an_engine_that_fails_is_told(answer, sentence):
+    class Broken(Engine):
+        def advance(self, values, state, voltage, torque, duration):
+            return answer(state)
+
+    with pytest.raises(LdtError, match=sentence):
+        Broken().simulate(VALUES, voltage(), PERIOD, np.zeros(3))
+
+
+def test_a_physics_without_the_motors_parameters_is_refused(monkeypatch):
+    class Bare(Engine):
+        parameters = Motor.parameters[:2]
+
+    with pytest.raises(MachineFileError, match=r"J, K_t, R, L, b.*without R, L, b"):
+        machine(Bare, monkeypatch)
