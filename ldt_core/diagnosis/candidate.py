@@ -19,7 +19,7 @@ START_FACTORS = (0.4, 0.7, 0.9, 1.1, 1.4, 2.5)  # of a parameter that multiplies
 START_SIZES = (0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 70.0)  # of a parameter's scale
 START_SHAPES = (0.3, 1.0, 3.0)  # of the default of a shape, such as a time constant
 START_PHASES = 8  # of a turn
-MOST_STARTS = 96  # of one effect: bounds the time that it takes
+MOST_STARTS = 128  # of one effect: bounds the time that it takes
 DIFFERENCE_STEP = 1e-3  # of a coordinate: far above rounding, far below any curvature
 # How far a fit may go.
 LEAST_LIMIT = 0.05  # of the largest voltage or current: a lower one would have stopped the machine

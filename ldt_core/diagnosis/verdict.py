@@ -165,13 +165,17 @@ def _without_the_vague(
 
     Where laws that depart explain as much, what speaks for a further effect is that only it leaves
     noise alone. That is not so where quite different laws do as well in its place. Nor is one named
-    whose amount may be none, as long as the others are a cause without it.
+    whose amount may be none, where laws that depart leave noise alone without it.
     """
     best = alike[0]
-    left = search.found.band.speed_excess(best.residual)
+    band = search.found.band
+    left, limit = (
+        band.speed_excess(best.residual),
+        band.speed_limit(THRESHOLDS.remainder_false_alarm),
+    )
     for name in vague(best, left, gap) if len(best.effects) > 1 else ():
         part = search.subset(best, [n for n in best.names if n != name])
-        if not _no_cause(search.found, part, gap):
+        if search.found.left(part) <= limit:
             return part
     family = {c.name: c.effect.family or c.name for f in alike for c in f.effects}
     for group in _groups(best, alike) if len(best.effects) > 1 else ():
