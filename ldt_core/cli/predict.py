@@ -82,6 +82,7 @@ def command(
     ):
         for experiment in until_stopped(track(played.experiments(machine), "predicting"), stop):
             prediction = model.predict(experiment)
+            writer.write("experiment", experiment, experiment.end)
             writer.write("prediction", prediction, experiment.end)
             error.add(prediction.residual(experiment))
             if promising is not None:

@@ -35,8 +35,8 @@ UNBALANCE = Effect(
     reference=BISOI,
 )
 
-#: A twelfth apart or less in the frequency of the resonance, which is sharp: from further away, a fit
-#: ends in another minimum.
+#: A tenth apart or less in the frequency of the resonance, which is sharp: from further away, a
+#: fit ends in another minimum.
 FACTORS = (0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.1, 1.25, 1.45, 1.7, 2.0)
 
 FOUNDATION_STIFFNESS = Effect(

@@ -30,6 +30,10 @@ UNSET = -1.0
 LOOK_PERIOD = 0.1
 #: Looks without a sample, 1 s, after which no voltage is awaited that may still come.
 SILENT_LOOKS = 10
+#: Looks, 5 s, after which a topic that nobody publishes is told: DDS finds publishers within one.
+MISSING_LOOKS = 50
+#: Topics that are named beside it, at most.
+MOST_NAMED = 6
 #: Samples that may wait: ten seconds of a fast machine on a busy computer.
 DEPTH = 10_000
 MESSAGE_TYPE = re.compile(r"\w+/msg/\w+")
@@ -179,7 +183,7 @@ class SegmenterNode(LdtNode):
         self._before, _ = self.recording.last_of("experiment", END)
         self._sent = self._last = self._before
         self._sent_at = 0.0
-        self._silent = 0
+        self._silent = self._looks = 0
         self.create_timer(LOOK_PERIOD, self._look, clock=self.steady)
         self._look()
 
@@ -229,8 +233,27 @@ class SegmenterNode(LdtNode):
                 self._doubled.discard(topic)
         # Looks are counted, not seconds: this process may have slept, with samples in its queue.
         self._silent += 1
+        self._looks += 1
+        if self._looks == MISSING_LOOKS:
+            self._tell_missing()
         if self._silent == SILENT_LOOKS:
             self._publish(self.segmenter.catch_up())
+
+    def _tell_missing(self) -> None:
+        """Say which topics nobody publishes, and which there are that could be meant."""
+        numbers = [
+            f"{name} ({kinds[0]})"
+            for name, kinds in self.get_topic_names_and_types()
+            if NUMBER.fullmatch(kinds[0]) or kinds[0] in FIELDS
+        ]
+        more = f" and {len(numbers) - MOST_NAMED} more" if len(numbers) > MOST_NAMED else ""
+        there = f"there are {', '.join(numbers[:MOST_NAMED])}{more}" if numbers else "there is none"
+        for feed in self._feeds:
+            if feed.topic not in self._kinds:
+                self.get_logger().warning(
+                    f"{feed.channel}_from: nobody publishes {self.resolve_topic_name(feed.topic)} "
+                    f"yet; of topics of numbers {there}"
+                )
 
     def _subscribe(self, topic: str) -> None:
         try:

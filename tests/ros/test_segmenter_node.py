@@ -25,6 +25,7 @@ from std_msgs.msg import Float64, String  # noqa: E402
 from stranger import adaptation, log_of, written  # noqa: E402
 
 from ldt_core.base.errors import OptionError  # noqa: E402
+from ldt_ros.nodes import segmenter_node  # noqa: E402
 from ldt_ros.nodes.experiment_source import PlantNode, PlayerNode, exact_stamp  # noqa: E402
 from ldt_ros.nodes.segmenter_node import Feed, SegmenterNode  # noqa: E402
 
@@ -249,6 +250,20 @@ def test_messages_that_cannot_be_used_are_counted_and_the_node_goes_on(stranger)
     assert len(lines) == 2, lines
     assert any("motor/command.FIELD" in line for line in lines)
     assert any("2 joints" in line for line in lines)
+
+
+def test_a_topic_that_nobody_publishes_is_told_beside_those_there_are(stranger, monkeypatch):
+    """A name that is misspelt must not be waited for in silence."""
+    monkeypatch.setattr(segmenter_node, "MISSING_LOOKS", 5)
+    logged = log_of(stranger)
+    stranger.node.create_publisher(Float64, "motor/volts", 10)
+    stranger.node.create_publisher(String, "motor/name", 10)
+    stranger.start(SegmenterNode, voltage_from="motor/volt", speed_from="motor/volts", **SHORT)
+    line = stranger.until(lambda: [m.msg for m in logged if "nobody publishes" in m.msg])
+    assert line == [
+        "voltage_from: nobody publishes /motor/volt yet; of topics of numbers there are "
+        "/motor/volts (std_msgs/msg/Float64)"
+    ]
 
 
 def test_two_publishers_of_one_topic_stop_it_until_one_is_left(stranger):
