@@ -153,9 +153,15 @@ def _alike(found: FittedSets, pool: Sequence[EffectFit], gap: float) -> list[Eff
     alike = sorted(alike, key=lambda f: kin(f.effects))  # else the best first, as before
     # Of laws of one family the one that follows the machine best is what predicts it.
     clear = THRESHOLDS.indistinguishable_loss
-    # One whose fit ran to its end is no answer where another is as good.
+    # One whose fit ran to its end is no answer where another is as good. Before something new, what
+    # the machine is known to have may have changed.
     least = min(map(found.loss, alike)) + clear
-    return sorted(alike, key=lambda f: (bool(f.ended), found.loss(f) > least))
+    known = set(found.residuals.machine.acting)
+
+    def order(f: EffectFit) -> tuple[bool, bool, int]:
+        return bool(f.ended), found.loss(f) > least, -len(known.intersection(f.names))
+
+    return sorted(alike, key=order)
 
 
 def _without_the_vague(

@@ -27,6 +27,7 @@ from ldt_core.diagnosis.nominal_prior import nominal_prior
 from ldt_core.diagnosis.thresholds import THRESHOLDS
 from ldt_core.diagnosis.verdict import is_gap
 from ldt_core.effects import EFFECTS, get_effect
+from ldt_core.machine.machine_file import Machine
 from ldt_core.physics.effect import Effect
 from ldt_core.physics.parameter import Parameter
 
@@ -527,3 +528,25 @@ def test_torques_of_an_equivalent_motor_are_said_to_be_on_its_scale():
     shown = record(MOTOR, count=4)
     said = [diagnose(m, shown, effects=effects, workers=1).notes for m in (own, equivalent)]
     assert [any("on its scale" in note for note in notes) for notes in said] == [False, True]
+
+
+@pytest.mark.slow
+def test_before_something_new_a_known_effect_has_changed():
+    """Runs one way tell friction, a load and a dead zone not apart; friction is what there is."""
+    known = Machine(with_friction(0.02))
+    changed = Machine(with_friction(0.04))
+    measured = record(changed, count=6, volts=(4.0, 20.0), hold=50, samples=400, noise=0.1)
+    found = diagnose(known, measured, workers=1)
+    (group,) = found.verdict.acting
+    assert group[0] == "coulomb_friction"
+    assert len(group) > 1
+
+
+def with_friction(torque: float) -> dict:
+    """Keys of a machine file with dry friction [N m]."""
+    data = MOTOR.as_dict()
+    return {
+        **data,
+        "parameters": {"J": 1e-3, "K_t": 0.05, "R": 1.0, "L": 1e-3, "b": 1e-4},
+        "effects": [{"name": "coulomb_friction", "parameters": {"torque": torque}}],
+    }
