@@ -79,7 +79,7 @@ class Simulator(Physics):
     ) -> Array:
         """Free run by steps of the engine; `step` takes the place of `max_step`."""
         volts = np.asarray(voltage, dtype=np.float64)
-        times = period * np.arange(volts.size)
+        times = period * np.arange(volts.size, dtype=np.float64)
         state = np.array(initial, dtype=np.float64)
         for effect, given in effects:
             values = effect.change_parameters(self, values, given)
