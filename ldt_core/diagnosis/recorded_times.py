@@ -7,14 +7,14 @@ period that is wrong by a factor makes all time constants wrong by it, which loo
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 from scipy.optimize import minimize_scalar
 
 from ldt_core.base.experiment import Experiment
-from ldt_core.diagnosis.diagnosis import HeldOutErrors
+from ldt_core.diagnosis.diagnosis import HeldOutErrors, ParameterAmount
 from ldt_core.diagnosis.holdout import errors, free_run
 from ldt_core.diagnosis.thresholds import THRESHOLDS
 from ldt_core.machine.machine_file import Machine
@@ -98,4 +98,27 @@ def wrong_clock(
     return (
         f"check the recorded times: a sample period {math.exp(found):.3g} times as long "
         "explains the gap without any change of the machine"
+    )
+
+
+def counted_speed(
+    found: Mapping[str, Mapping[str, ParameterAmount]], experiments: Sequence[Experiment]
+) -> str:
+    """The note where a delay is one of half a sample, as of a speed that is counted; else "".
+
+    An encoder's pulses over one sample give the mean speed in it, that of half a sample before.
+
+    Args:
+        found: amounts by effect and parameter, as `attribution.amounts`.
+    """
+    delay = found.get("input_delay", {}).get("delay")
+    periods = {e.period for e in experiments}
+    if delay is None or delay.ci95 is None or len(periods) != 1:
+        return ""
+    half, (low, high) = periods.pop() / 2, delay.ci95
+    if not (low <= half <= high and high - low < half):  # told from none and from a whole sample
+        return ""
+    return (
+        f"the delay is half a sample ({half:.3g} s), as of a speed counted over each sample; "
+        "if so, state it in the machine file, under effects"
     )

@@ -52,6 +52,7 @@ from ldt_core.diagnosis.nominal import (
 )
 from ldt_core.diagnosis.nominal_prior import NOMINAL, NominalPrior, merged
 from ldt_core.diagnosis.promise import determined, further_interval
+from ldt_core.diagnosis.recorded_times import counted_speed
 from ldt_core.diagnosis.recorded_units import misread
 from ldt_core.diagnosis.residual_torque import (
     TorqueEstimator,
@@ -184,6 +185,7 @@ class VerdictReport:
         best = d.best.use if d.best else []
         sought = d.kind != "none" and not self.faulty
         units = misread(self.machine, self.held, was, noise) if sought else ""
+        units = units or counted_speed(found, self.held)
         depends = []
         if d.structured:
             torque = residual_torque(self.residuals, best, d.best.starts if d.best else None)
@@ -254,17 +256,15 @@ class VerdictReport:
             few = f"long experiments were {parts}"
         odd = ((e.number, speed_doubt(self.machine, e)) for e in [*self.fitted, *self.held])
         first = next((f"experiment {n}: sensor or machine? {w}" for n, w in odd if w), "")
-        ended = self.named is not None and at_the_end(self.named)
         last = "the machine file's numbers moved as far as it lets them: something else is missing"
         same = "held out: of other voltages than theirs nothing is promised"
         scale = OWN_SCALE if self.machine.calibration.get("equivalent") else ""
-        ends = last if ended else ""
+        ends = last if self.named is not None and at_the_end(self.named) else ""
         more = self._may_act_too()
-        spent = self.search.spent and self.decision.kind != "none"
+        early = self.search.spent and self.decision.kind != "none"
         limit = "the search ended at its limit of work: other sets of effects were not tried"
-        early = limit if spent else ""
-        told = (f"{few} {same}" if cut else "", self.beside, units, first, ends, scale, more, early)
-        return [note for note in told if note]
+        told = (f"{few} {same}" if cut else "", self.beside, units, first, ends, scale, more)
+        return [note for note in (*told, limit if early else "") if note]
 
     def _may_act_too(self) -> str:
         """What a law that departs may explain as well as an effect that leaves noise alone."""

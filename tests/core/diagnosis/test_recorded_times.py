@@ -80,3 +80,22 @@ def test_one_constant_speed_names_no_cause(noise):
     found = diagnose(MOTOR, given, effects=TRIED, workers=1)
     assert found.verdict.kind == "unknown"
     assert "where a constant speed leaves" in found.verdict.sentence
+
+
+def test_a_speed_that_is_counted_over_each_sample_is_told():
+    """An encoder's pulses give the mean speed of the sample before: a delay of half of it."""
+    finer, random = 20, np.random.default_rng(5)
+    counted = []
+    for e in record(MOTOR, count=4):
+        volts = np.repeat(e.voltage, finer)
+        states = MOTOR.model.simulate(MOTOR.parameters, volts, PERIOD / finer, np.zeros(3))
+        turned = states[::finer, 0]
+        speed = np.diff(turned, prepend=0.0) / PERIOD + random.normal(0, NOISE, len(e))
+        counted.append(replace(e, speed=speed))
+    found = diagnose(MOTOR, counted, effects=TRIED, workers=1)
+    assert found.verdict.acting[0][0] == "input_delay"
+    assert any("the delay is half a sample (0.005 s)" in note for note in found.notes)
+    delayed = record(MOTOR, "input_delay:delay=0.02", count=4)
+    found = diagnose(MOTOR, delayed, effects=TRIED, workers=1)
+    assert found.verdict.acting == [["input_delay"]]
+    assert not any("half a sample" in note for note in found.notes)
