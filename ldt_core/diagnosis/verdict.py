@@ -361,6 +361,7 @@ def plainest(
         and (hopeless or not _no_cause(found, f, gap))
     ]
     if not close:
+        alike = [f for f in alike if f is best or not _only_it_explains(found, best, f)]
         least = min(f.free for f in alike)
         return [f for f in alike if f.free == least]
     least = min(f.free for f in close)

@@ -550,3 +550,13 @@ def with_friction(torque: float) -> dict:
         "parameters": {"J": 1e-3, "K_t": 0.05, "R": 1.0, "L": 1e-3, "b": 1e-4},
         "effects": [{"name": "coulomb_friction", "parameters": {"torque": torque}}],
     }
+
+
+@pytest.mark.slow
+def test_a_plainer_law_that_leaves_far_more_than_noise_is_not_taken_for_the_right_one():
+    """Beside a spring a resistance leaves little of a huge gap; a winding's heat leaves noise."""
+    effects = ("spring_load:stiffness=0.02", "winding_heating:thermal_resistance=1,time_constant=5")
+    names = ("spring_load", "winding_heating", *OWN_NUMBERS, "source_resistance")
+    about = {"machine": MOTOR, "samples": 800, "count": 4, "hold": 100}
+    found, _ = verdict(*effects, names=names, **about)
+    assert sorted(found.verdict.effects) == ["spring_load", "winding_heating"]
