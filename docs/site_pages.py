@@ -30,7 +30,10 @@ OWN = ("glossary", "gallery")  # pages of this folder
 NAV: dict[str, list[str]] = {
     "Start": ["start", "watch", "python"],
     "Tutorials": [*notebooks.names(), "connect", "real"],
-    "How-to": ["machine", "deploy", "network", "detector", "advice", "effect", "physics"],
+    "How-to": [
+        *("machine", "deploy", "network", "detector", "advice"),
+        *("effect", "physics", "simulator"),
+    ],
     "Explanation": ["diagnosis", "defaults", "paper"],
     "Reference": ["commands", "api", "topics", "parameters", "effects", "glossary"],
     "Evidence": ["accuracy", "streams", "promises", "speed"],
