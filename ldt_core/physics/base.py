@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ldt_core.base.arrays import Array
-from ldt_core.base.errors import LdtError
+from ldt_core.base.errors import LdtError, reason_of
 from ldt_core.physics.motor_rates import inductance
 from ldt_core.physics.parameter import Parameter, Values
 
@@ -197,6 +197,8 @@ class Physics(abc.ABC):
                 return self.simulate(*about)
             except LdtError as error:
                 return error
+            except Exception as error:  # of a physics that somebody else wrote
+                return LdtError(f"physics {self.name}: {reason_of(error)}")
 
         return enumerate(spread(alone, len(runs), workers))
 

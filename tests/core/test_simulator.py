@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from ldt_core.effects import EFFECTS, get_effect
 from ldt_core.machine import Plant
 from ldt_core.machine.machine_file import Machine, load_machine
 from ldt_core.physics import PHYSICS
+from ldt_core.physics.base import Physics
 from ldt_core.physics.motor import MOTOR, Motor
 from ldt_core.physics.simulator import Simulator
 
@@ -105,6 +107,26 @@ def test_an_engine_that_fails_is_told(answer, sentence):
 
     with pytest.raises(LdtError, match=sentence):
         Broken().simulate(VALUES, voltage(), PERIOD, np.zeros(3))
+
+
+def test_a_physics_that_does_not_bear_an_effect_is_no_end_of_a_diagnosis(monkeypatch):
+    """One that takes three states, and is given an effect's beside them."""
+
+    class Narrow(Motor):
+        def simulate_all(self, runs, max_step=1e-3, least_step=0.0, workers=1):
+            return Physics.simulate_all(self, runs, max_step, least_step, workers)
+
+        def simulate(self, values, voltage, period, initial, *rest, **more):
+            _theta, _omega, _current = initial
+            return super().simulate(values, voltage, period, initial, *rest, **more)
+
+    narrow = machine(Narrow, monkeypatch)
+    plant = Plant(narrow, experiments=3, seed=3, degradation="none", noise=0.05)
+    effects = [get_effect("winding_heating"), get_effect("inertia")]
+    experiments = [plant.experiment(i).part(0, 120) for i in (1, 2, 3)]
+    changed = [replace(e, speed=1.1 * e.speed) for e in experiments]
+    found = diagnose(narrow, changed, effects=effects, workers=1)
+    assert "winding_heating" not in found.verdict.effects
 
 
 def test_a_physics_without_the_motors_parameters_is_refused(monkeypatch):
