@@ -142,8 +142,8 @@ def _described(bag: Bag, health: Health) -> tuple[dict[str, Any], dict[str, str]
     for index, note in enumerate(health.notes):
         lines["notes" if index == 0 else " " * index] = note
     page = f"ldt report {as_argument(str(health.path))} -o run.html"
-    predicted = health.judged and not levels and health.numbers  # by ldt predict alone
-    lines["next"] = page if health.judged and not predicted else _next(bag, health)
+    run = health.judged and (levels or not health.numbers)  # ldt predict judges nothing
+    lines["next"] = page if run else _next(bag, health)
     return record, {name: words for name, words in lines.items() if words}
 
 

@@ -45,7 +45,7 @@ def command(
     as_json: bool,
 ) -> None:
     """Predict RECORDING with the physics of the machine file alone, or with the effects that a
-    diagnosis has found, and write the predictions.
+    diagnosis has found, and write the predictions beside the experiments.
 
     Example: ldt predict bag --machine rotor --with diagnosis/diagnosis.json --out predicted
     """

@@ -96,7 +96,7 @@ def vague(fit: EffectFit, left: float, gap: float) -> list[str]:
     found = []
     for c, z, spread in zip(fit.effects, fit.z, deviations(fit, left, gap), strict=False):
         amount = [
-            abs(float(z[j]) - c.coordinate(j, c.neutral(j))) > DEVIATIONS * float(spread[j])
+            abs(z[j]) > DEVIATIONS * spread[j]
             for j, p in enumerate(c.parameters)
             if p.default == 0 or (logarithmic(p) and not is_limit(p))
             if not p.cyclic

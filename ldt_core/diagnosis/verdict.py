@@ -173,18 +173,16 @@ def _without_the_vague(
     noise alone. That is not so where quite different laws do as well in its place. Nor is one named
     whose amount may be none, where laws that depart leave noise alone without it.
     """
-    best = alike[0]
-    band = search.found.band
-    left, limit = (
-        band.speed_excess(best.residual),
-        band.speed_limit(THRESHOLDS.remainder_false_alarm),
-    )
-    for name in vague(best, left, gap) if len(best.effects) > 1 else ():
+    best, band = alike[0], search.found.band
+    if len(best.effects) < 2:
+        return None
+    limit = band.speed_limit(THRESHOLDS.remainder_false_alarm)
+    for name in vague(best, band.speed_excess(best.residual), gap):
         part = search.subset(best, [n for n in best.names if n != name])
         if search.found.left(part) <= limit:
             return part
     family = {c.name: c.effect.family or c.name for f in alike for c in f.effects}
-    for group in _groups(best, alike) if len(best.effects) > 1 else ():
+    for group in _groups(best, alike):
         if len({family[name] for name in group}) < 2:
             continue
         part = search.subset(best, [n for n in best.names if n != group[0]])

@@ -37,6 +37,11 @@ MAX_STEP = 0.25e-3  # s; worst relative speed error 5e-6 over 300 random experim
 SENSOR_ROUNDS = 4
 
 
+def first_states(effects: Effects, state: Array) -> list[float]:
+    """The effects' own states at the first sample, from the machine's (n,), behind each other."""
+    return [own for effect, given in effects for own in effect.first_states(state, given)]
+
+
 class Work:
     """Integration steps done so far, by all threads; what a search may do is limited by them.
 
@@ -201,6 +206,13 @@ class Physics(abc.ABC):
                 return LdtError(f"physics {self.name}: {reason_of(error)}")
 
         return enumerate(spread(alone, len(runs), workers))
+
+    def diverged(self, when: float) -> LdtError:
+        """What is raised where the state is not finite at this time [s]."""
+        return LdtError(
+            f"the simulation of {self.name} diverged: its state is not finite "
+            f"{when:g} s after the start"
+        )
 
     def switches(
         self, values: Values, times: Array, volts: Array, state: Array, effects: Effects

@@ -24,6 +24,7 @@ from ldt_core.physics.base import (
     FreeRun,
     Physics,
     Tracked,
+    first_states,
 )
 from ldt_core.physics.parameter import Values, own_name
 
@@ -121,7 +122,7 @@ class PhysicsWithEffects(Physics):
         known = self._beside(self._acting(run.values), run.effects)
         state = np.asarray(run.initial, dtype=np.float64)
         n, theirs = len(self.states), sum(len(e.states) for e, _ in run.effects)
-        first = [v for effect, given in known for v in effect.first_states(state, given)]
+        first = first_states(known, state)
         if first and theirs and state.size == n + theirs:
             state = np.concatenate([state[:n], first, state[n:]])
         plain, changed = self._plain(run.values), None

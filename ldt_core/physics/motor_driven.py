@@ -23,6 +23,7 @@ from ldt_core.physics.base import (
     Physics,
     Tracked,
     Work,
+    first_states,
 )
 from ldt_core.physics.motor_rates import inductance, memory, motor_rate
 from ldt_core.physics.parameter import Values
@@ -204,13 +205,6 @@ class MotorDriven(Physics):
             raise self.diverged(float(times[failed]))
         return np.concatenate([states[:, : len(self.states)], states[:, STATES:]], axis=1)
 
-    def diverged(self, when: float) -> LdtError:
-        """What is raised where the state is not finite at this time [s]."""
-        return LdtError(
-            f"the simulation of {self.name} diverged: its state is not finite "
-            f"{when:g} s after the start"
-        )
-
     def planned(
         self,
         values: Values,
@@ -269,8 +263,7 @@ class MotorDriven(Physics):
         n = len(self.states)
         own = initial[n:]
         if own.size == 0:
-            states = (effect.first_states(initial, given) for effect, given in terms)
-            own = np.array([state for of_one in states for state in of_one])
+            own = np.array(first_states(terms, initial))
         first = np.zeros(STATES + own.size)
         first[:n], first[STATES:] = initial[:n], own
         rigid = bool(c.unbalance == 0 and not first[3:STATES].any())

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import abc
 import threading
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,8 +25,13 @@ from ldt_core.physics.base import (
     Effects,
     Physics,
     Tracked,
+    first_states,
 )
 from ldt_core.physics.parameter import Values
+from ldt_core.physics.run_plan import sample_times, steps_of
+
+if TYPE_CHECKING:
+    from ldt_core.physics.effect import Effect
 
 _ENGINE = threading.RLock()  # most engines work on one state, which no two threads may write
 
@@ -79,7 +85,7 @@ class Simulator(Physics):
     ) -> Array:
         """Free run by steps of the engine; `step` takes the place of `max_step`."""
         volts = np.asarray(voltage, dtype=np.float64)
-        times = period * np.arange(volts.size, dtype=np.float64)
+        times = sample_times(volts.size, period)
         state = np.array(initial, dtype=np.float64)
         for effect, given in effects:
             values = effect.change_parameters(self, values, given)
@@ -88,7 +94,7 @@ class Simulator(Physics):
         most = float(np.abs(levels).max())
         rate = max([0.0, *(e.rate(values, most, p) for e, p in acting.terms)])
         longest = min(self.step, 1 / rate) if rate > 0 else self.step
-        steps = max(1, int(np.ceil(period / max(longest, least_step) - 1e-9)))
+        steps = int(steps_of(np.array([0.0, period]), max(longest, least_step))[0])
         states = np.zeros((volts.size, len(self.states) + acting.own.size))
         state = state[: len(self.states)]
         duration = period / steps
@@ -99,10 +105,7 @@ class Simulator(Physics):
             for k in range(volts.size):
                 states[k] = np.concatenate([state, acting.own])
                 if not np.isfinite(states[k]).all():
-                    raise LdtError(
-                        f"the simulation of {self.name} diverged: its state is not finite "
-                        f"{times[k]:g} s after the start"
-                    )
+                    raise self.diverged(float(times[k]))
                 if gain > 0:
                     state[SPEED] += gain * (followed[k] - state[SPEED])
                 for j in range(k * steps, min((k + 1) * steps, held.size)):
@@ -116,7 +119,7 @@ class Simulator(Physics):
     ) -> Array:
         try:
             later = np.array(self.advance(values, state, voltage, torque, duration), dtype=float)
-        except (LdtError, KeyboardInterrupt):
+        except LdtError:
             raise
         except Exception as error:
             raise LdtError(f"physics {self.name}, advance: {reason_of(error)}") from error
@@ -133,26 +136,30 @@ class _Acting:
 
     def __init__(self, values: Values, effects: Effects, count: int, initial: Array) -> None:
         self.terms = [(term, given) for e, given in effects for term in e.terms]
-        self._given = [
-            np.array([*(p[n.name] for n in e.parameters), *(values[n] for n in e.needs), 0.0])
-            for e, p in self.terms
-        ]
-        first = (v for e, p in self.terms for v in e.first_states(initial, p))
-        self.own = np.array(list(initial[count:]) or list(first), dtype=np.float64)
+        own = list(initial[count:]) or first_states(self.terms, initial)
+        self.own = np.array(own, dtype=np.float64)
+        self._acting: list[tuple[Effect, Array, Array]] = []
+        if not self.terms:
+            return
+        from ldt_core.physics.effect import term_parameters  # with its compiler; see `integrate`
+
+        parameters, first_parameter, first_state = term_parameters(self.terms, values)
+        given = np.array(parameters)
+        for (effect, _), p, at in zip(self.terms, first_parameter, first_state, strict=True):
+            own_states = self.own[at : at + len(effect.states)]
+            self._acting.append((effect, given[p:], own_states))
 
     def on(self, t: float, state: Array, voltage: float, duration: float) -> tuple[float, float]:
         """Torque [N m] and terminal voltage [V] now; own states go on by `duration` [s]."""
-        torque, terminal, first = 0.0, voltage, 0
+        torque, terminal = 0.0, voltage
         now = t, state[ANGLE], state[SPEED], state[CURRENT], voltage
-        for (effect, _), given in zip(self.terms, self._given, strict=True):
+        for effect, given, own in self._acting:
             function = effect.torque or effect.terminal
             assert function is not None
             if effect.states:
-                own = self.own[first : first + len(effect.states)]
                 rate = np.zeros(own.size)
                 value = function(*now, given, own, rate)
                 own += duration * rate
-                first += own.size
             else:
                 value = function(*now, given)
             if effect.terminal is None:

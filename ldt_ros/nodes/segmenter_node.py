@@ -13,6 +13,7 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 
 from ldt_core.base.errors import LdtError, OptionError, RecordingError
 from ldt_core.base.experiment import Experiment
+from ldt_core.base.sentences import few
 from ldt_core.base.units import parse_field
 from ldt_core.recording.message_fields import number_in, parse_field_path
 from ldt_core.recording.node_status import LEFT_OUT, NodeStatus
@@ -246,8 +247,7 @@ class SegmenterNode(LdtNode):
             for name, kinds in self.get_topic_names_and_types()
             if NUMBER.fullmatch(kinds[0]) or kinds[0] in FIELDS
         ]
-        more = f" and {len(numbers) - MOST_NAMED} more" if len(numbers) > MOST_NAMED else ""
-        there = f"there are {', '.join(numbers[:MOST_NAMED])}{more}" if numbers else "there is none"
+        there = f"there are {few(numbers, MOST_NAMED)}" if numbers else "there is none"
         for feed in self._feeds:
             if feed.topic not in self._kinds:
                 self.get_logger().warning(
