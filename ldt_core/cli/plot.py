@@ -17,7 +17,7 @@ from ldt_core.cli.terminal import echo_result
     "--experiment",
     type=int,
     help="Experiment to show over time; by default the one in "
-    "which the twin gains most over the original model.",
+    "which the twin gains most over the original model, or three.",
 )
 @namespace_option
 @click.option("--title", default="", help="Title of the picture.")
@@ -33,11 +33,20 @@ def command(
 ) -> None:
     """Draw RECORDING, a run of `ldt up`, `run` or `replay`: one experiment, and all errors.
 
+    Of what `ldt predict` wrote, experiments with their predictions.
+
     Example: ldt plot my_run --out my_run.png
     """
+    from ldt_core.recording.bag import read_bag
+    from ldt_core.views.figures.free_run_panels import draw_predictions
     from ldt_core.views.figures.run_figure import load_run, plot_run
 
     check_file(out, force)
+    bag = read_bag(recording, namespace)
+    if bag.topic("prediction") is not None and bag.topic("signal") is None:
+        numbers = draw_predictions(bag, out, title, experiment)
+        echo_result(as_json, {"figure": out, "shown": numbers}, out)
+        return
     run = load_run(recording, namespace, experiment)
     plot_run(run, out, title)
     shown, count = run.shown.experiment.number, len(run.steps)

@@ -48,6 +48,7 @@ if TYPE_CHECKING:
 LONGEST_NAME = 200  # characters: it stands in every message and sentence
 REQUIRED = ("name", "physics", "parameters", "limits", "experiment")
 OPTIONAL = ("effects", "simulation", "calibration")
+OTHER_CHANNELS = ("inputs", "outputs")  # of machines that are no driven shaft
 MAX_BYTES = 1_000_000  # a machine file is a page of text; more is a mistake or an attack
 EFFECTS_REMEMBERED = 64  # each keeps its compiled term: more than a library and a file hold
 
@@ -294,6 +295,10 @@ def machine_from_dict(data: Any, source: str) -> Machine:
     if "verdict" in top:
         expected = "a machine file; a diagnosis follows --with"
         raise MachineFileError(source, expected, "the result of a diagnosis")
+    for key in OTHER_CHANNELS:
+        if key in top:
+            expected = "a machine with voltage in, speed and current out (ldt docs machine)"
+            raise MachineFileError(f"{source}, {key}", expected, described(top[key]))
     check_keys(source, top, REQUIRED, OPTIONAL)
     name = top["name"]
     if not isinstance(name, str) or not name:

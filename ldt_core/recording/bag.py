@@ -320,9 +320,10 @@ def read_twin_run(path: str | Path, namespace: str | None = None) -> Bag:
     bag = read_bag(path, namespace)
     missing = [t for t in ("experiment", "prediction", "signal") if bag.topic(t) is None]
     if missing:
+        other = "" if "prediction" in missing else "; ldt plot shows predictions alone"
         raise RecordingError(
             bag.path,
-            "a run of a twin (ldt replay makes one of experiments)",
+            f"a run of a twin (ldt replay makes one of experiments{other})",
             f"no topic {' and no topic '.join(missing)}",
         )
     return bag

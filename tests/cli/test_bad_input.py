@@ -90,6 +90,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
     change = {
         "unknown_key": lambda d: d.update(paramters={}),
+        "other_channels": lambda d: d.update(inputs={"flow": {"unit": "l/s"}}),
         "unknown_parameter": lambda d: d["parameters"].update(mass=4.9),
         "missing_key": lambda d: d.pop("limits"),
         "missing_parameter": lambda d: d["parameters"].pop("K_t"),
@@ -226,6 +227,7 @@ ROWS: list[tuple[str, int, list[str]]] = [
         for name, words in (
             ("nowhere", ["a readable machine file", "no such file or folder\n"]),
             ("unknown_key", ["did you mean 'parameters'?", "unknown key 'paramters'"]),
+            ("other_channels", ["inputs", "voltage in, speed and current out", "'flow'"]),
             ("unknown_parameter", ["parameters", "unknown key 'mass'"]),
             ("missing_key", ["the key 'limits'"]),
             ("missing_parameter", ["parameters", "the key 'K_t'"]),

@@ -187,6 +187,18 @@ def test_simulate_import_and_plot_report_what_they_made(tmp_path, monkeypatch, c
     pytest.importorskip("matplotlib")
     found = reported(capsys, "plot", str(RUN), "--out", "run.png", "--experiment", "7")
     assert found == {"figure": "run.png", "shown": 7, "experiments": 40}
+    assert invoke(ldt, ["predict", "bag", "--machine", short_rotor, "--out", "predicted"]) == 0
+    capsys.readouterr()
+    assert reported(capsys, "plot", "predicted", "--out", "all.png")["shown"] == [1, 2]
+    one = ("--out", "one.svg", "--experiment", "2", "--title", "A rotor")
+    assert reported(capsys, "plot", "predicted", *one)["shown"] == [2]
+    assert "A rotor" in Path("one.svg").read_text()
+    assert Path("all.png").stat().st_size > 10_000
+    assert invoke(ldt, ["plot", "predicted", "--out", "c.png", "--experiment", "9"]) == 2
+    assert "one of 1 to 2 in predicted, got 9" in capsys.readouterr().err
+    assert invoke(ldt, ["plot", "predicted", "--out", "c.txt"]) == 2
+    assert invoke(ldt, ["report", "predicted", "--out", "c.html"]) == 2
+    assert "ldt plot shows predictions alone" in capsys.readouterr().err
 
 
 def test_challenge_make_reports_the_key_and_says_its_digest_first(monkeypatch, capsys):
