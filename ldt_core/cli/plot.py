@@ -38,12 +38,14 @@ def command(
     Example: ldt plot my_run --out my_run.png
     """
     from ldt_core.recording.bag import read_bag
-    from ldt_core.views.figures.free_run_panels import draw_predictions
     from ldt_core.views.figures.run_figure import load_run, plot_run
 
     check_file(out, force)
     bag = read_bag(recording, namespace)
     if bag.topic("prediction") is not None and bag.topic("signal") is None:
+        # With the calibration's code, which a run needs none of.
+        from ldt_core.views.figures.free_run_panels import draw_predictions
+
         numbers = draw_predictions(bag, out, title, experiment)
         echo_result(as_json, {"figure": out, "shown": numbers}, out)
         return

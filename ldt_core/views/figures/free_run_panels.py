@@ -14,7 +14,7 @@ from ldt_core.base.experiment import Experiment, rms
 from ldt_core.calibration.calibration import Calibration
 from ldt_core.models.physics import PhysicsModel
 from ldt_core.recording.bag import Bag
-from ldt_core.views.export.predicted_runs import predicted_runs
+from ldt_core.views.export.predicted_runs import Predictions
 from ldt_core.views.packed_samples import thinned
 from ldt_core.views.page import style
 from ldt_core.views.page.style import BLUE, INK, SHADE, SKY, VERMILION
@@ -62,9 +62,9 @@ def draw_calibration(
 ) -> None:
     """Draw the experiments held out (or those fitted, when none were), at most three of them."""
     models = PhysicsModel(calibration.nominal), PhysicsModel(calibration.machine)
-    shown = [(e, tuple(m.predict(e).speed for m in models)) for e in spread_panels(experiments)]
+    shown = [(e, tuple(m.predict(e).speed for m in models)) for e in _spread_panels(experiments)]
     held = "held out" if "held_out" in calibration.errors else "fitted"
-    draw_panels(
+    _draw_panels(
         shown, f"{calibration.machine.name}: free runs of experiments that were {held}", file
     )
 
@@ -81,27 +81,29 @@ def draw_predictions(
         OptionError: no such experiment, none that was predicted, or no file of a picture.
     """
     style.check_picture(file)
-    numbers = [r.experiment.number for r in predicted_runs(recording) if r.prediction is not None]
-    wanted = [number] if number is not None else spread_panels(numbers)
+    beside = Predictions(recording).beside
+    runs = map(beside, recording.experiments())
+    numbers = [r.experiment.number for r in runs if r.prediction is not None]
+    wanted = [number] if number is not None else _spread_panels(numbers)
     if not wanted or not set(wanted) <= set(numbers):
         expected = f"one of {min(numbers)} to {max(numbers)}" if numbers else "a predicted one"
         raise OptionError("experiment", f"{expected} in {recording.path}", number)
     shown = [
         (r.experiment, (r.prediction.speed,))
-        for r in predicted_runs(recording)
+        for r in map(beside, recording.experiments())
         if r.prediction is not None and r.experiment.number in wanted
     ]
-    draw_panels(shown, title or f"{recording.path.name}: free runs", file)
+    _draw_panels(shown, title or f"{recording.path.name}: free runs", file)
     return wanted
 
 
-def spread_panels(given: Sequence[T]) -> list[T]:
+def _spread_panels(given: Sequence[T]) -> list[T]:
     """As many as there is room for, evenly spread."""
     at = np.unique(np.linspace(0, len(given) - 1, min(PANELS, len(given))).round())
     return [given[int(i)] for i in at]
 
 
-def draw_panels(
+def _draw_panels(
     shown: Sequence[tuple[Experiment, tuple[Array, ...]]], title: str, file: str | Path
 ) -> None:
     """Draw experiments side by side: speed, error, voltage.
@@ -119,11 +121,8 @@ def draw_panels(
             voltage.step(e.time, e.voltage, color=style.INK, lw=1.0, where="post")
             sizes = [f"{rms(e.speed - run):.3g}" for run in runs]
             told = f"{sizes[0]} before, {sizes[-1]} after" if len(sizes) > 1 else sizes[0]
-            speed.set_title(
-                f"experiment {e.number}: root mean square error\n{told} rad/s"
-                if len(shown) > 1
-                else f"experiment {e.number}: root mean square error {told} rad/s"
-            )
+            wrapped = "\n" if len(shown) > 1 else " "  # a narrow panel has room for half of it
+            speed.set_title(f"experiment {e.number}: root mean square error{wrapped}{told} rad/s")
             voltage.set_xlabel("time [s]")
         for row, label in zip(axes, ("speed [rad/s]", "error [rad/s]", "voltage [V]"), strict=True):
             row[0].set_ylabel(label)
