@@ -11,6 +11,7 @@ often a stated confidence was right. A second folder is one with comparators, of
 from __future__ import annotations
 
 import json
+import math
 import statistics
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -128,15 +129,25 @@ def _comparators(cases: Sequence[Case]) -> list[str]:
     everybody = [DIAGNOSIS, *who]
     lines = ["", f"| the first {len(same)} cases | {' | '.join(everybody)} |"]
     lines += ["|---|" + "---|" * len(everybody)]
-    for name, chosen, judged, _ in ROWS[:5]:
-        cells = [
-            share(
-                bool(judged(c)) for c in cases if c["who"] == w and c["case"] in same and chosen(c)
-            )
-            for w in everybody
-        ]
+    of = {w: [c for c in cases if c["who"] == w and c["case"] in same] for w in everybody}
+    for name, chosen, judged, _ in (*ROWS[:5], ROWS[6]):
+        cells = [_counted(bool(judged(c)) for c in of[w] if chosen(c)) for w in everybody]
         lines.append(f"| {name} | {' | '.join(cells)} |")
+    realised = [
+        [p["realised"] for c in of[w] if (p := c["closure"].get("another")) is not None]
+        for w in everybody
+    ]
+    medians = [statistics.median([q for q in r if q is not None] or [math.nan]) for r in realised]
+    shares = " | ".join("" if math.isnan(m) else f"{100 * m:.1f} %" for m in medians)
+    lines.append(f"| gap closed with another excitation, median | {shares} |")
+    times = " | ".join(f"{statistics.median(c['seconds'] for c in of[w]):.0f} s" for w in everybody)
+    lines.append(f"| processor time, median | {times} |")
     return lines
+
+
+def _counted(found: Iterable[bool]) -> str:
+    right = list(found)
+    return f"{sum(right)} of {len(right)}" if right else ""
 
 
 def picture(found: Mapping[str, Any], folder: Path) -> None:

@@ -27,6 +27,7 @@ from ldt_core.calibration.calibration import (
     refuse_absurd,
     rounded,
 )
+from ldt_core.calibration.calibration_runs import DIFFERENCE_INTEGRATED, CalibrationRuns
 from ldt_core.calibration.coordinates import Coordinate, Coordinates
 from ldt_core.calibration.held_out import split_evenly
 from ldt_core.calibration.identifiability import (
@@ -39,13 +40,7 @@ from ldt_core.calibration.identifiability import (
     uncertainty,
 )
 from ldt_core.calibration.lack_of_fit import lack_of_fit
-from ldt_core.calibration.parameter_fit import (
-    DIFFERENCE_INTEGRATED,
-    CalibrationRuns,
-    coordinate,
-    fit,
-    starts,
-)
+from ldt_core.calibration.parameter_fit import coordinate, fit, starts
 from ldt_core.calibration.prior_knowledge import (
     DIAGNOSED,
     DIFFERENCE_BESIDE_PRIOR,

@@ -9,10 +9,10 @@ import numpy as np
 
 from ldt_core.base.experiment import Experiment
 from ldt_core.calibration.calibration import Posterior
+from ldt_core.calibration.calibration_runs import CalibrationRuns
 from ldt_core.calibration.coordinates import Coordinate, Coordinates
 from ldt_core.calibration.identifiability import NORMAL_95, uncertainty
 from ldt_core.calibration.lack_of_fit import lack_of_fit
-from ldt_core.calibration.parameter_fit import CalibrationRuns
 from ldt_core.machine.machine_file import Machine
 
 FITTED = ("J", "K_t", "L")  # R and b are convention

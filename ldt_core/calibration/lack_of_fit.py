@@ -25,8 +25,8 @@ from scipy.special import stdtr
 from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError
 from ldt_core.calibration.calibration import MOST_NOISE_RATIO
+from ldt_core.calibration.calibration_runs import CalibrationRuns
 from ldt_core.calibration.identifiability import uncertainty
-from ldt_core.calibration.parameter_fit import CalibrationRuns
 from ldt_core.machine.machine_file import Machine
 from ldt_core.physics.effect import Effect
 

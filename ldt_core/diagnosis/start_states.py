@@ -29,7 +29,9 @@ LEAST_DECREASE = 0.98  # of the loss: a step after which more than that is left 
 ANGLES_TRIED = 13  # in a turn: a prime, so that a ripple of few periods a turn is seen at each
 ANGLES_FOLLOWED = 2  # from which a foundation's motion is sought
 ANGLES_AT_ONCE = 8  # in each finer grid: as many as are simulated at once
-ANGLE_TOLERANCE = 2e-3  # rad, to which the best angle is then found
+ANGLE_TOLERANCE = 2e-3  # rad, to which the best angle is found
+LINEAR_IN_ANGLE = 0.03  # rad: a ripple of 24 periods a turn goes through a tenth of one
+ANGLE_STEPS = 2  # Gauss-Newton steps from the best of the last grid
 ANGLE_MATTERS = 0.1  # noise deviations by which a start angle moves some sample, if it matters
 DIFFERENCE_OF_START = 0.01  # rad, K, ...: of a start state, for difference quotients
 SINGULAR = 1e-8  # of the largest singular value: a combination of start states that moves nothing
@@ -272,30 +274,87 @@ def _best_angles(
     """The start angles of these experiments at which least is left [rad].
 
     Grids about the best angle so far, each finer by half its points: all angles of a grid are
-    simulated at once.
+    simulated at once. The last one is so fine that the residuals are nearly linear in the angle.
     """
 
     def best_of(grids: Array) -> Array:
-        asked = [
-            Simulated(i, use, float(angle))
-            for i, grid in zip(places, grids, strict=True)
-            for angle in grid
-        ]
-        losses = []
-        for run, rest in zip(asked, residuals.differences(asked, step), strict=True):
-            along = residuals.starts.bases[run.place].T @ rest
-            losses.append(float(rest @ rest - along @ along))
-        least = np.argmin(np.reshape(losses, grids.shape), axis=1)
+        least = np.argmin(_losses(residuals, places, use, grids, step), axis=1)
         return np.asarray(grids[np.arange(len(places)), least])
 
     width = 2 * math.pi / ANGLES_TRIED
-    if near is None:
-        turn = width * np.arange(ANGLES_TRIED)
-        best = best_of(np.tile(turn, (len(places), 1)))
-    else:
-        best = near.angles[list(places)]
-    while width > ANGLE_TOLERANCE:
+    best = best_of(_turn(len(places))) if near is None else near.angles[list(places)]
+    while width > LINEAR_IN_ANGLE:
         parts = np.arange(1, ANGLES_AT_ONCE + 1) * (2 / (ANGLES_AT_ONCE + 1)) - 1.0
         best = best_of(best[:, None] + width * parts)
         width *= 2 / (ANGLES_AT_ONCE + 1)
+    for _ in range(ANGLE_STEPS):
+        rests, slopes = _slopes(residuals, places, use, best, step)
+        by = [
+            -float(d @ r) / max(float(d @ d), SINGULAR) for r, d in zip(rests, slopes, strict=True)
+        ]
+        best = best + np.clip(by, -width, width)
     return best
+
+
+def _turn(count: int) -> Array:
+    """(count, angles) the same angles all around for each [rad]."""
+    return np.tile(2 * math.pi / ANGLES_TRIED * np.arange(ANGLES_TRIED), (count, 1))
+
+
+def _losses(
+    residuals: SimulatedExperiments, places: Sequence[int], use: Use, angles: Array, step: float
+) -> Array:
+    """(places, angles) what is left of each experiment from each of its angles."""
+    asked = [
+        Simulated(i, use, float(angle))
+        for i, row in zip(places, angles, strict=True)
+        for angle in row
+    ]
+    losses = []
+    for run, rest in zip(asked, residuals.differences(asked, step), strict=True):
+        along = residuals.starts.bases[run.place].T @ rest
+        losses.append(float(rest @ rest - along @ along))
+    return np.reshape(losses, angles.shape)
+
+
+def _slopes(
+    residuals: SimulatedExperiments, places: Sequence[int], use: Use, angles: Array, step: float
+) -> tuple[list[Array], list[Array]]:
+    """Of each experiment (rows,) what is left, and its change per angle [1/rad]."""
+    asked = [
+        Simulated(i, use, float(angle) + by)
+        for i, angle in zip(places, angles, strict=True)
+        for by in (0.0, DIFFERENCE_OF_START)
+    ]
+    bases = residuals.starts.bases
+    found = [
+        project_out(rest, bases[run.place])
+        for run, rest in zip(asked, residuals.differences(asked, step), strict=True)
+    ]
+    rests, moved = found[::2], found[1::2]
+    return rests, [(m - r) / DIFFERENCE_OF_START for r, m in zip(rests, moved, strict=True)]
+
+
+def gain_of_angles(
+    residuals: SimulatedExperiments, use: Use, jacobian: Array, step: float
+) -> float:
+    """About how much less is left where each experiment has a start angle of its own.
+
+    The larger of what other angles alone gain, all around, and what angles nearby gain together
+    with the parameters, to first order.
+
+    Args:
+        jacobian: (size, p) change of the residuals per coordinate.
+    """
+    places = range(len(residuals.pieces))
+    angles = residuals.starts.angles
+    losses = _losses(residuals, places, use, angles[:, None] + _turn(len(angles)), step)
+    around = float(np.sum(losses[:, 0] - losses.min(axis=1)))
+    rests, slopes = _slopes(residuals, places, use, angles, step)
+    columns = np.zeros((len(jacobian), len(slopes)))
+    for j, (piece, slope) in enumerate(zip(residuals.pieces, slopes, strict=True)):
+        columns[piece.rows, j] = slope
+    rest = np.concatenate(rests)
+    with_angles = basis_of(np.column_stack([jacobian, columns])).T @ rest
+    without = basis_of(jacobian).T @ rest
+    return max(around, float(with_angles @ with_angles - without @ without))

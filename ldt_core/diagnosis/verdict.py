@@ -81,8 +81,10 @@ def is_gap(found: FittedSets, seed: int) -> bool:
     d = found.responses
     score = np.max(d.target / d.length, initial=0.0)  # 0 where no candidate can be simulated
     power = max(found.excess, float(score) ** 2)
-    # What is left by the file's own numbers, within their tolerances, is the simulation's error.
-    if power < THRESHOLDS.law_error**2 * found.band.excess(found.residuals.of()):
+    # A foundation's own numbers are found among many minima: what they leave is the search's error.
+    if found.residuals.shaking and power < THRESHOLDS.law_error**2 * found.band.excess(
+        found.residuals.of()
+    ):
         return False
     if power < THRESHOLDS.least_gap * found.band.samples or power < _trifle(found.residuals):
         return False
@@ -128,6 +130,8 @@ def decide(search: EffectSetSearch, seed: int = 0, faulty: bool = False) -> Deci
     chosen: EffectFit | None = _largest_worth_its_parts(search, _growing_sets(found, gap), gap)
     while chosen:
         search.alternatives(chosen)
+        # A better minimum may have turned up for it, on the scout's experiments alone so far.
+        search.finish(found.scouted[frozenset(chosen.names)])
         pool = found.of_size(len(chosen.names))
         gap = band.speed_gap(found.base, pool[0].residual)
         alike = _alike(found, pool, gap)

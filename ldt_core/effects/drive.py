@@ -12,6 +12,7 @@ from ldt_core.physics.parameter import Parameter
 
 COPPER = 0.00393  # 1/K, temperature coefficient of the resistance of copper at 20 °C
 NO_LIMIT = 1e6  # V or A; a supply that never saturates
+MOST_BRUSH_DROP = 10.0  # V, five times what carbon brushes lose (IEC 60034-2-1)
 DIODE_VOLTAGE = 0.05  # V; over which a diode begins to block
 # Share of the braking current below which a current fades instead of stopping at 0 at once, which
 # would break the integrator's order.
@@ -182,7 +183,8 @@ BRUSH_DROP = Effect(
     equation="terminal voltage = V - V_b sign(i), the sign smoothed over i = 0.1 V / R",
     parameters=(
         Parameter(
-            "voltage", "V", 0.0, default=0.0, description="at both brushes together, V_b", scale=1.0
+            *("voltage", "V", 0.0, MOST_BRUSH_DROP, 0.0, "at both brushes together, V_b"),
+            scale=1.0,
         ),
     ),
     typical={"voltage": 1.0},
@@ -190,7 +192,7 @@ BRUSH_DROP = Effect(
     needs=("R", "L"),
     fastest=lambda values, _, voltage: values["R"] / values["L"] * (1.0 + voltage / SMALL_VOLTAGE),
     reference="Modelica Standard Library, Electrical.Machines.Losses.DCMachines.Brush; "
-    "Chapman, Electric Machinery Fundamentals, chapter on DC machines (brush losses)",
+    "IEC 60034-2-1: 2 V for carbon brushes, 0.6 V for those with metal",
 )
 
 NO_REGENERATION = Effect(

@@ -30,6 +30,15 @@ DAMPING_FACTOR = 10.0  # to either side, after a step that helped or did not
 CURVATURE_FLOOR = 1e-12
 
 
+FAR_STEPS = 4  # pairs of full steps behind a search that descends, as long as they help
+LEAST_FAR_GAIN = 1e-6  # of the loss: a pair that gains less is the last
+FAINT = 0.1  # noise deviations by which a combination of coordinates moves the rows, if it counts
+TINY = 1e-300
+
+#: Deviations of a number known to 5 % or so: its slopes change by half a per cent.
+KEPT_MOVE = 0.1
+
+
 @dataclass(frozen=True, eq=False)
 class Solution:
     """Where a search ended: (p,) coordinates, (N,) residual and (N, p) Jacobian there."""
@@ -69,7 +78,42 @@ def trust_region(
     found = least_squares(residual, start, derivative, bounds=(low, high), **tolerances)
     if not np.all(np.isfinite(found.x)):
         raise LdtError("the fit left the finite numbers")
-    return Solution(found.x, found.fun, found.jac)
+    solved = Solution(found.x, found.fun, found.jac)
+    if jacobian is None:
+        return solved
+    for _ in range(FAR_STEPS):
+        there = _through_the_bend(residual, solved, low, high)
+        gained = 1 - _loss(there[1]) / max(_loss(solved.residual), TINY)
+        if not gained > max(tolerances.get("ftol", 0.0), LEAST_FAR_GAIN):
+            break
+        solved = Solution(*there, jacobian(there[0]))
+    return solved
+
+
+def _through_the_bend(
+    residual: Residual, solved: Solution, low: Array | float, high: Array | float
+) -> tuple[Array, Array]:
+    """(p,) coordinates and (N,) residual two full Gauss-Newton steps on, by one Jacobian.
+
+    In a narrow valley that bends, a full step leaves the valley's floor, and a search that must
+    descend takes short ones. The second step leads back to the floor, far from where both began:
+    what counts is where they end (Chamberlain, Powell, Lemarechal, Pedersen: The watchdog technique
+    for forcing convergence in algorithms for constrained optimization, 1982).
+    """
+    z, rows = solved.z, solved.residual
+    u, size, v = np.linalg.svd(solved.jacobian, full_matrices=False)
+    counts = size > FAINT
+    inverse = (v[counts].T / size[counts]) @ u[:, counts].T
+    for _ in range(2):
+        if not np.all(np.isfinite(rows)):
+            break
+        z = np.clip(z - inverse @ rows, low, high)
+        rows = residual(z)
+    return z, np.nan_to_num(rows, nan=np.inf, posinf=np.inf)
+
+
+def _loss(rows: Array) -> float:
+    return float(rows @ rows)
 
 
 def levenberg_marquardt(
@@ -140,7 +184,8 @@ class ForwardDifferences:
         residuals: points (p,) -> of each (N,): all at once, for what computes several together.
         step: (p,) of the coordinates, or one for all.
         high: (p,) upper bounds.
-        steady: (p,) coordinates whose derivative hardly changes: it is found once. None for none.
+        steady: (p,) coordinates, in deviations of what is known of them, whose derivative hardly
+            changes: it is found anew once one of them has moved by `KEPT_MOVE`. None for none.
     """
 
     def __init__(
@@ -153,6 +198,7 @@ class ForwardDifferences:
         self._residuals, self._high = residuals, high
         self._steady = np.zeros(high.size, bool) if steady is None else steady
         self._found: Array | None = None
+        self._found_at = np.zeros(0)
         self._step = np.broadcast_to(np.asarray(step, dtype=np.float64), high.shape)
         self._last: tuple[Array, Array] | None = None
 
@@ -164,6 +210,11 @@ class ForwardDifferences:
 
     def jacobian(self, z: Array) -> Array:
         """(N, p) at z (p,)."""
+        if self._found is not None:
+            far = np.abs(z - self._found_at)[self._steady] > KEPT_MOVE
+            self._found = None if far.any() else self._found
+        if self._found is None:
+            self._found_at = z.copy()
         anew = [j for j in range(z.size) if self._found is None or not self._steady[j]]
         moved = [z.copy() for _ in anew]
         for j, there in zip(anew, moved, strict=True):

@@ -57,13 +57,14 @@ def test_the_list_as_json(capsys):
             "name": "voltage",
             "unit": "V",
             "low": 0.0,
-            "high": None,
+            "high": 10.0,
             "low_is_excluded": False,
             "neutral": 0.0,
             "typical": 1.0,
             "description": "at both brushes together, V_b",
         }
     ]
+    assert listed["quadratic_drag"]["parameters"][0]["high"] is None
 
 
 def test_an_effect_that_keeps_its_promises_is_told_so(mine, capsys):

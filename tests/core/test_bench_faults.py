@@ -20,6 +20,7 @@ from tests.bench_faults import (
 )
 
 HALF = EXPERIMENTS // 2
+LOTS = [1, 2, 3]
 
 
 @pytest.mark.slow
@@ -45,12 +46,16 @@ def test_a_fault_shows_from_the_first_experiment_on(fault):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("change", "most"), [("gravity", 0.05), ("cubic", 0.17)])
-def test_behind_a_sensors_filter_what_changes_is_learned(change, most):
-    """No cause of one experiment replaces what was right before; of a drag without a law one may
-    last for two.
+@pytest.mark.parametrize(
+    ("change", "most", "seeds"), [("gravity", 0.05, [1]), ("cubic", 0.17, LOTS)]
+)
+def test_behind_a_sensors_filter_what_changes_is_learned(change, most, seeds):
+    """No cause of one experiment replaces what was right before.
+
+    Of a drag without a law several models come and go, and which ones do is as good as drawn by
+    lot: by the seed, and by a processor's rounding. Only the mean of several tells how much.
     """
-    twin, original = after_the_change("filter", change, 1)
+    twin, original = np.sum([after_the_change("filter", change, s) for s in seeds], axis=0)
     assert twin < most * original
 
 

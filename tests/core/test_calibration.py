@@ -11,6 +11,7 @@ import pytest
 from ldt_core.base.errors import ExperimentError, LdtError, OptionError
 from ldt_core.base.experiment import Experiment
 from ldt_core.calibration import calibrate
+from ldt_core.calibration.calibration_runs import CalibrationRuns
 from ldt_core.calibration.held_out import split_evenly
 from ldt_core.calibration.identifiability import identifiability, product, uncertainty
 from ldt_core.calibration.machine_yaml import machine_file_text
@@ -212,6 +213,21 @@ def test_an_experiment_outside_the_limits_is_refused():
 def test_wrong_options_get_a_sentence(options, expected):
     with pytest.raises(OptionError, match=expected):
         calibrate(MOTOR, measured(TRUE, 2, samples=50), **options)
+
+
+def test_runs_side_by_side_are_the_runs_one_by_one():
+    """The sum of squares is that of each experiment simulated alone."""
+    machine = load_machine("rotor").with_parameters(e=0.005)
+    physics, values = machine.model, machine.parameters
+    recorded = measured(machine, 3, samples=200, current=True)
+    runs = CalibrationRuns(physics, values, recorded)
+    expected = 0.0
+    for e in recorded:
+        start = physics.initial_state(values, e.speed[0], e.current[0])
+        states = physics.simulate(values, e.voltage, e.period, start)
+        for shown, column, noise in zip((e.speed, e.current), (1, 2), runs.noise, strict=True):
+            expected += float(np.sum(((shown - states[:, column]) / noise) ** 2))
+    assert runs.loss(values) == pytest.approx(expected, rel=1e-12)
 
 
 def test_held_out_experiments_cover_the_recording():

@@ -14,6 +14,7 @@ from scipy.stats import chi2
 from ldt_core.diagnosis.channel_noise import channel_noise
 from ldt_core.diagnosis.effect_fit import fit
 from ldt_core.diagnosis.free_run_residuals import AT_REST, FreeRunResiduals
+from ldt_core.diagnosis.start_states import SEARCH_STEP, gain_of_angles
 
 FASTER = (6.0, 16.0)  # V: through the resonance of the foundation
 UNBALANCED = ROTOR.with_parameters(e=0.006)
@@ -286,3 +287,21 @@ def test_a_torque_is_found_whatever_the_angles_at_which_the_machine_stood():
     found = fit(residuals, [gravity], [start])
     assert gravity.given(found.z[0])["torque"] == pytest.approx(0.14, rel=0.03)
     assert found.loss < 1.1 * residuals.size
+
+
+@pytest.mark.parametrize("angles", [(0.0, 0.0, 0.0), (0.0, 2.0, -1.0)])
+def test_own_start_angles_promise_little_where_all_are_one(angles):
+    """What noise lets them gain: an angle's degree of freedom each, and the best of 13."""
+    recorded = [
+        record(MOTOR, f"gravity_imbalance:torque=0.005,phase={a}", count=1, seed=20 + k)[0]
+        for k, a in enumerate(angles)
+    ]
+    residuals = FreeRunResiduals(
+        MOTOR, [replace(e, number=k) for k, e in enumerate(recorded, start=1)], (NOISE, 1.0)
+    )
+    true, none = uses(["gravity_imbalance:torque=0.005"]), np.zeros((residuals.size, 0))
+    gain = gain_of_angles(residuals, true, none, SEARCH_STEP)
+    if any(angles):
+        assert gain > residuals.size
+    else:
+        assert 0 <= gain < chi2.ppf(1 - CHANCE, 13 * len(angles))

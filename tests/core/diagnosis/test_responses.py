@@ -114,15 +114,14 @@ def test_a_twin_beside_a_plainer_law_competes_too():
 
 @pytest.fixture(scope="module")
 def limited():
-    """A search on a motor whose current is limited, and fits with a limit that is off."""
-    measured = record(MOTOR, "current_limit:limit=2", count=2, hold=30)
-    residuals = FreeRunResiduals(MOTOR, measured)
+    """A search on a motor of more resistance whose current is limited, and fits of the limit."""
+    effects = "current_limit:limit=2", "armature_resistance:factor=1.3"
+    residuals = FreeRunResiduals(MOTOR, record(MOTOR, *effects, count=2, hold=30))
     search = EffectSetSearch(residuals, candidates(MOTOR, ["current_limit", "gravity_imbalance"]))
     limit, gravity = search.candidates
-    off = limit.coordinates({"limit": 1.8})
     nothing = gravity.coordinates({"torque": 1e-9, "phase": 0.0})
-    alone = fit(residuals, [limit], [off], steps=1)
-    both = fit(residuals, [limit, gravity], [off, nothing], steps=2)
+    alone = fit(residuals, [limit], [limit.coordinates({"limit": 1.8})])
+    both = fit(residuals, [limit, gravity], [alone.z[0], nothing])
     return search, alone, both, nothing
 
 

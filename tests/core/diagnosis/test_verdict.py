@@ -25,7 +25,7 @@ from ldt_core.diagnosis.holdout import (
 from ldt_core.diagnosis.library import library
 from ldt_core.diagnosis.nominal_prior import nominal_prior
 from ldt_core.diagnosis.thresholds import THRESHOLDS
-from ldt_core.diagnosis.verdict import is_gap
+from ldt_core.diagnosis.verdict import decide, is_gap
 from ldt_core.effects import EFFECTS, get_effect
 from ldt_core.machine.machine_file import Machine
 from ldt_core.physics.effect import Effect
@@ -140,6 +140,33 @@ def test_a_small_gap_is_seen():
 
 
 # ---- verdicts
+
+
+def test_a_better_minimum_that_turns_up_late_is_fitted_on_all_experiments(monkeypatch):
+    """The set that was chosen by the poorer one is then still there to be judged."""
+    experiments = record(MOTOR, "coulomb_friction:torque=0.01")
+    residuals = FreeRunResiduals(MOTOR, experiments, workers=1, tolerance=THRESHOLDS.law_error)
+    search = EffectSetSearch(residuals, candidates(MOTOR, ["coulomb_friction"]))
+
+    def turned_up(base):
+        search.found.fits.pop(frozenset(base.names))
+        return []
+
+    monkeypatch.setattr(search, "alternatives", turned_up)
+    assert decide(search).acting == [["coulomb_friction"]]
+
+
+def test_a_small_effect_beside_numbers_that_are_far_off_is_a_gap():
+    """What a motor's own numbers leave is no error of their laws, however small beside the gap."""
+    off = MOTOR.with_parameters(K_t=MOTOR.parameters["K_t"] * 1.07).with_deviations(
+        {n: 0.05 * MOTOR.parameters[n] for n in ("J", "K_t", "R", "L", "b")}
+    )
+    experiments = record(MOTOR, "brush_drop:voltage=0.02", count=6, noise=0.02)
+    found = diagnose(
+        off, experiments, effects=[*map(get_effect, ("brush_drop", "coulomb_friction"))]
+    )
+    assert found.verdict.kind in ("effect", "ambiguous")
+    assert "brush_drop" in found.verdict.effects
 
 
 def test_no_gap_is_the_verdict_none(nothing):
