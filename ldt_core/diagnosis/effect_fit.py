@@ -13,7 +13,9 @@ from ldt_core.base.sentences import spoken
 from ldt_core.diagnosis.candidate import START_PHASES, Candidate
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals, Used
 from ldt_core.diagnosis.nominal_prior import NominalCandidate
-from ldt_core.diagnosis.start_states import SEARCH_STEP, StartStates, gain_of_angles, turns
+from ldt_core.diagnosis.simulated_experiments import SEARCH_STEP, StartStates
+from ldt_core.diagnosis.start_angles import gain_of_angles, turns
+from ldt_core.diagnosis.start_states import gain_of_states
 from ldt_core.diagnosis.thresholds import THRESHOLDS
 from ldt_core.estimation.least_squares import ForwardDifferences, trust_region
 
@@ -22,7 +24,7 @@ STEPS_TO_START_STATES = 4  # least-squares steps after which start states are es
 PRECISION = 1e-5  # of the loss: a step that gains less ends the fit
 START_ANGLE_ROUNDS = 4  # in which start angles and parameters are fitted in turn, at most
 START_ANGLE_GAIN = 0.02  # of the loss: a round that gains less is the last
-GAIN_IN_VIEW = 0.5  # of what own start angles have to gain: they are sought where so much shows
+GAIN_IN_VIEW = 0.5  # of what own start states have to gain: they are sought where so much shows
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,13 +195,12 @@ def fit(
                 break
     sought = residuals.shaking or not any(p.at_rest for p in residuals.pieces)
     use = used(members, by_member(members, z))
-    price = len(residuals.pieces) * THRESHOLDS.start_angle_gain
-    slope = slopes[: residuals.size]
-    if (
-        not sought
-        and turns(residuals, use)
-        and gain_of_angles(residuals, use, slope, step) > price * GAIN_IN_VIEW
-    ):
+    shown, price = 0.0, len(residuals.pieces) * THRESHOLDS.start_state_gain
+    if not sought and turns(residuals, use):
+        shown = gain_of_angles(residuals, use, slopes[: residuals.size], step)
+    elif states := 0 if sought else sum(len(c.effect.states) for c in members):
+        shown, price = gain_of_states(residuals, use, step), price * states
+    if shown > price * GAIN_IN_VIEW:
         shared, kept = (z, left, slopes), starts[0]
         before = math.inf
         for turn in range(START_ANGLE_ROUNDS):

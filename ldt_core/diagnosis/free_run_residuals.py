@@ -24,14 +24,13 @@ from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment
 from ldt_core.diagnosis.channel_noise import residual_noise
-from ldt_core.diagnosis.start_states import (
+from ldt_core.diagnosis.simulated_experiments import (
     NO_OFFSET,
     SEARCH_STEP,
     Simulated,
     StartStates,
-    searched_start_states,
-    start_states_for,
 )
+from ldt_core.diagnosis.start_states import searched_start_states, start_states_for
 from ldt_core.estimation.effect.cause import AT_REST
 from ldt_core.estimation.noise import ROUNDING, rounding_correlation, sensor_step
 from ldt_core.estimation.variable_projection import basis_of, project_out
@@ -267,6 +266,25 @@ class FreeRunResiduals:
             if math.isnan(rest.sum()):
                 rest[np.isnan(rest)] = limit
             yield rest
+
+    def own_states(self, run: Simulated, step: float) -> Array:
+        """(L, states) of the effects, less what they would begin with at each sample.
+
+        Zeros where the run cannot be simulated.
+        """
+        terms = [(x, p) for x, p in run.use if x.states]
+        count = sum(len(x.states) for x, _ in terms)
+        values = self.changed(run.use)
+        if values is None:
+            return np.zeros((1, count))
+        begun = [self._free_run(run, values)]
+        ((_, states),) = self.physics.simulate_all(begun, step, SHORTEST_STEP)
+        if isinstance(states, LdtError):
+            return np.zeros((1, count))
+        first = [[v for x, p in terms for v in x.first_states(state, p)] for state in states]
+        own = states[:, states.shape[1] - count :] - np.array(first)
+        own = own[np.all(np.isfinite(own), axis=1)]
+        return own if len(own) else np.zeros((1, count))
 
     def can_simulate(self, use: Use) -> bool:
         """Whether the machine with these effects has a free run of the first experiment at all."""

@@ -25,7 +25,7 @@ from ldt_core.diagnosis.free_run_residuals import (
     PreparedExperiment,
     Used,
 )
-from ldt_core.diagnosis.start_states import SEARCH_STEP, Simulated
+from ldt_core.diagnosis.simulated_experiments import SEARCH_STEP, Simulated
 from ldt_core.diagnosis.thresholds import THRESHOLDS
 from ldt_core.effects import get_effect
 from ldt_core.estimation.variable_projection import project_out

@@ -14,7 +14,7 @@ from ldt_core.base.sentences import number
 from ldt_core.diagnosis.diagnosis import NextExperiment
 from ldt_core.diagnosis.effect_fit import EffectFit, by_member, used
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
-from ldt_core.diagnosis.start_states import SEARCH_STEP
+from ldt_core.diagnosis.simulated_experiments import SEARCH_STEP
 from ldt_core.diagnosis.thresholds import THRESHOLDS
 
 CURRENT_NOISE = 0.01  # share of the largest current, where nothing is known of its sensor

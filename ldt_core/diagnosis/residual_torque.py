@@ -17,7 +17,7 @@ from scipy.interpolate import BSpline
 
 from ldt_core.base.arrays import Array
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals, Use
-from ldt_core.diagnosis.start_states import StartStates
+from ldt_core.diagnosis.simulated_experiments import StartStates
 from ldt_core.diagnosis.torque_curve import TorqueCurve, torque_curve
 from ldt_core.estimation.smoothing import polynomial_weights, smoothed
 

@@ -17,7 +17,7 @@ import numpy as np
 from ldt_core.base.arrays import Array
 from ldt_core.diagnosis.candidate import Candidate
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
-from ldt_core.diagnosis.start_states import StartStates
+from ldt_core.diagnosis.simulated_experiments import StartStates
 from ldt_core.diagnosis.thresholds import THRESHOLDS
 from ldt_core.physics.integrate import answered
 

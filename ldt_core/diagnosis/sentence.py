@@ -27,8 +27,8 @@ def sentence(
 
     Args:
         left: part of the gap that the best set leaves.
-        begun: errors without the effects and with them from start angles that were fitted, where
-            a free run from angle 0 is no better with them.
+        begun: errors without the effects and with them from start states that were fitted, where
+            a free run from the usual ones is no better with them.
         spent: whether the search ended at its limit of work.
     """
     if kind == "none" and gap.before.rmse**2 > THRESHOLDS.plainly_structured * gap.noise_std**2:
@@ -62,9 +62,9 @@ def sentence(
     if begun:
         return (
             f"{what[0].upper()}{what[1:]} {verb} the gap{place}: with {that}, and a "
-            f"start angle of its own for each held-out experiment, the error falls from "
+            f"start state of its own for each held-out experiment, the error falls from "
             f"{begun[0].rmse:.3g} to {begun[1].rmse:.3g} rad/s, noise is {gap.noise_std:.3g}. "
-            f"Where the start angle is unknown, {that} cannot be predicted "
+            f"Where the start state is unknown, {that} cannot be predicted "
             f"({gap.after.rmse:.3g} rad/s)."
         )
     return (

@@ -24,7 +24,7 @@ from ldt_core.diagnosis.nominal_prior import NominalCandidate, NominalPrior
 from ldt_core.diagnosis.responses import Responses, simulate_all
 from ldt_core.diagnosis.ripple_orders import ORDER, Ripple, begun_at, ripple_orders
 from ldt_core.diagnosis.scouting import bearable, empty, scouted, told
-from ldt_core.diagnosis.start_states import StartStates
+from ldt_core.diagnosis.simulated_experiments import StartStates
 from ldt_core.diagnosis.thresholds import THRESHOLDS
 
 # The scout: the fits on a few experiments.

@@ -18,7 +18,8 @@ from ldt_core.diagnosis.effect_fit import EffectFit
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals, Used
 from ldt_core.diagnosis.holdout import beyond_noise, errors, errors_of
 from ldt_core.diagnosis.sentence import not_all_alike
-from ldt_core.diagnosis.start_states import ANGLE_TOLERANCE, StartStates
+from ldt_core.diagnosis.simulated_experiments import StartStates
+from ldt_core.diagnosis.start_angles import ANGLE_TOLERANCE
 from ldt_core.diagnosis.thresholds import THRESHOLDS
 from ldt_core.machine.machine_file import Machine
 from ldt_core.models.linear import LinearModel
@@ -145,10 +146,14 @@ def begun_errors(
 ) -> tuple[HeldOutErrors, HeldOutErrors] | None:
     """Errors on the held-out experiments without the set and with it, start states fitted.
 
-    None where the start angles are all one, as the free runs have them. Where each experiment
-    begins at an angle of its own, a free run from a wrong one says nothing about the set.
+    None where these are as the free runs have them. Where each experiment begins at an angle of its
+    own, or in a warm winding, a free run from another start says nothing about the set.
     """
-    if best.starts is None or np.ptp(best.starts.angles) < ANGLE_TOLERANCE:
+    if best.starts is None:
+        return None
+    own = len(machine.model.states)
+    moved = any(np.any(offset[own:]) for offset in best.starts.offsets)
+    if not moved and np.ptp(best.starts.angles) < ANGLE_TOLERANCE:
         return None
     residuals = FreeRunResiduals(machine, held)
     starts = residuals.start_states(best.use, free=True)

@@ -65,8 +65,11 @@ class Thresholds:
         4, "experiments", CHOSEN, "Three to fit and one to hold out, before a sensor fault."
     )
     # Which sets of effects are considered
-    start_angle_gain: float = _limit(
-        12.0, f"{LOSS} per experiment", f"{CHI_SQUARE}, p = 0.0005", "An angle is a parameter more."
+    start_state_gain: float = _limit(
+        12.0,
+        f"{LOSS} per experiment and start state",
+        f"{CHI_SQUARE}, p = 0.0005",
+        "An angle, or how warm a winding was, is a parameter more.",
     )
     chance_gain: float = _limit(
         30.0, f"{LOSS} per added effect", CASES, "The best of all sets gains so much by chance."

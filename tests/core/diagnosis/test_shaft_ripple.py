@@ -77,7 +77,7 @@ def test_a_ripple_is_named_though_no_experiment_begins_at_the_same_angle():
     assert answer.verdict.effects == ["cogging_torque"]
     assert answer.gap.after.rmse > answer.gap.before.rmse
     assert answer.gap.closed_fraction is None
-    assert "Where the start angle is unknown" in answer.verdict.sentence
+    assert "Where the start state is unknown" in answer.verdict.sentence
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,72 @@
+"""What the estimation of start states is told and takes: simulations of recorded experiments."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from ldt_core.base.arrays import Array
+from ldt_core.physics.base import Physics
+from ldt_core.physics.effect import Effect
+
+Use = Sequence[tuple[Effect, Mapping[str, float]]]
+
+NO_OFFSET = np.zeros(0)
+SEARCH_STEP = 5e-3  # s, longest integration step: its error is below a third of the noise
+DIFFERENCE_OF_START = 0.01  # rad, K, ...: of a start state, for difference quotients
+
+
+@dataclass(frozen=True, eq=False)
+class StartStates:
+    """What is taken of the states at the first samples.
+
+    Attributes:
+        angles: (experiments,) [rad].
+        bases: for each experiment (rows, s) orthonormal directions that an unknown start moves.
+        offsets: for each experiment the change of the states at its first sample from what is
+            guessed, foundation's and effects' included; empty where that is not estimated.
+    """
+
+    angles: Array
+    bases: tuple[Array, ...]
+    offsets: tuple[Array, ...]
+
+
+class Simulated(NamedTuple):
+    """One simulation of an experiment.
+
+    Attributes:
+        place: of the experiment in the list.
+        use: effects that act, with all their values.
+        angle: at the first sample [rad].
+        offset: (states,) change of the states at the first sample, or none.
+        follow: False makes it a free run whatever the machine is.
+    """
+
+    place: int
+    use: Use
+    angle: float = 0.0
+    offset: Array = NO_OFFSET
+    follow: bool = True
+
+
+class SimulatedExperiments(Protocol):
+    """What the estimation of start states needs of `FreeRunResiduals`."""
+
+    physics: Physics
+    values: dict[str, float]
+    pieces: list[Any]
+    starts: StartStates
+    shaking: bool
+
+    def changed(self, use: Use) -> Mapping[str, float] | None:
+        """The machine's parameters with these effects; None where they are impossible."""
+
+    def differences(self, runs: Sequence[Simulated], step: float) -> Iterator[Array]:
+        """(rows,) measured minus simulated of each, in noise deviations."""
+
+    def own_states(self, run: Simulated, step: float) -> Array:
+        """(L, states) of the effects, less what they would begin with at each sample."""
