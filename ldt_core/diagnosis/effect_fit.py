@@ -11,9 +11,9 @@ import numpy as np
 from ldt_core.base.arrays import Array
 from ldt_core.base.sentences import spoken
 from ldt_core.diagnosis.candidate import START_PHASES, Candidate
-from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals, Used
+from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
 from ldt_core.diagnosis.nominal_prior import NominalCandidate
-from ldt_core.diagnosis.simulated_experiments import SEARCH_STEP, StartStates
+from ldt_core.diagnosis.simulated_experiments import SEARCH_STEP, StartStates, Used
 from ldt_core.diagnosis.start_angles import gain_of_angles, turns
 from ldt_core.diagnosis.start_states import gain_of_states
 from ldt_core.diagnosis.thresholds import THRESHOLDS
@@ -22,8 +22,8 @@ from ldt_core.estimation.least_squares import ForwardDifferences, trust_region
 STEPS = 12  # least-squares steps of one fit: from good starts, more gain nothing
 STEPS_TO_START_STATES = 4  # least-squares steps after which start states are estimated again
 PRECISION = 1e-5  # of the loss: a step that gains less ends the fit
-START_ANGLE_ROUNDS = 4  # in which start angles and parameters are fitted in turn, at most
-START_ANGLE_GAIN = 0.02  # of the loss: a round that gains less is the last
+START_STATE_ROUNDS = 4  # in which start states and parameters are fitted in turn, at most
+START_STATE_GAIN = 0.02  # of the loss: a round that gains less is the last
 GAIN_IN_VIEW = 0.5  # of what own start states have to gain: they are sought where so much shows
 
 
@@ -182,7 +182,7 @@ def fit(
         starts[0] = starts[0] if quick else settled(z, near=known)
         steps = steps // 2 if quick else steps
         z, left, slopes = descend(z, steps)
-        rounds = 1 if quick else START_ANGLE_ROUNDS
+        rounds = 1 if quick else START_STATE_ROUNDS
         for turn in range(rounds if residuals.shaking else 0):
             # The start states were sought with other parameters: some may be a whole minimum off.
             last, old = (z, left, slopes), starts[0]
@@ -191,7 +191,7 @@ def fit(
             loss, had = float(left @ left), float(last[1] @ last[1])
             if loss > had:
                 (z, left, slopes), starts[0] = last, old
-            if loss > (1 - START_ANGLE_GAIN) * had:
+            if loss > (1 - START_STATE_GAIN) * had:
                 break
     sought = residuals.shaking or not any(p.at_rest for p in residuals.pieces)
     use = used(members, by_member(members, z))
@@ -199,14 +199,15 @@ def fit(
     if not sought and turns(residuals, use):
         shown = gain_of_angles(residuals, use, slopes[: residuals.size], step)
     elif states := 0 if sought else sum(len(c.effect.states) for c in members):
-        shown, price = gain_of_states(residuals, use, step), price * states
+        shown = gain_of_states(residuals, use, step)
+        price = max(price * states, START_STATE_GAIN * float(left @ left))
     if shown > price * GAIN_IN_VIEW:
         shared, kept = (z, left, slopes), starts[0]
         before = math.inf
-        for turn in range(START_ANGLE_ROUNDS):
+        for turn in range(START_STATE_ROUNDS):
             starts[0] = settled(z, free=True, near=starts[0] if turn else None)
             z, left, slopes = descend(z, steps // 2)
-            if float(left @ left) > (1 - START_ANGLE_GAIN) * before:
+            if float(left @ left) > (1 - START_STATE_GAIN) * before:
                 break
             before = float(left @ left)
         if float(shared[1] @ shared[1] - left @ left) < price:

@@ -11,7 +11,7 @@ import numpy as np
 
 from ldt_core.base.arrays import Array
 from ldt_core.diagnosis.candidate import START_SHAPES, Candidate
-from ldt_core.diagnosis.effect_fit import START_ANGLE_GAIN, START_ANGLE_ROUNDS, EffectFit
+from ldt_core.diagnosis.effect_fit import START_STATE_GAIN, START_STATE_ROUNDS, EffectFit
 from ldt_core.diagnosis.model_selection import FittedSets
 from ldt_core.diagnosis.responses import Responses, best_alone, rank_pairs, simulate_all
 from ldt_core.diagnosis.ripple_orders import begun_at
@@ -114,12 +114,12 @@ class EffectSetSearch(SetFits):
 
         Parameters and start states follow each other, a little in each round.
         """
-        for _ in range(START_ANGLE_ROUNDS if self.scout.shaking and not self.spent else 0):
+        for _ in range(START_STATE_ROUNDS if self.scout.shaking and not self.spent else 0):
             before = self._best(count)[:SETTLED]
             self._scout([TriedSet(f.effects, f.z[: len(f.effects)], f.starts) for f in before])
             now = [self.found.scouted[frozenset(f.names)] for f in before]
             if all(
-                b.loss < (1 + START_ANGLE_GAIN) * a.loss for a, b in zip(now, before, strict=True)
+                b.loss < (1 + START_STATE_GAIN) * a.loss for a, b in zip(now, before, strict=True)
             ):
                 break
 

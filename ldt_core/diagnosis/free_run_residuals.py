@@ -16,7 +16,6 @@ import contextlib
 import copy
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -27,8 +26,10 @@ from ldt_core.diagnosis.channel_noise import residual_noise
 from ldt_core.diagnosis.simulated_experiments import (
     NO_OFFSET,
     SEARCH_STEP,
+    PreparedExperiment,
     Simulated,
     StartStates,
+    Use,
 )
 from ldt_core.diagnosis.start_states import searched_start_states, start_states_for
 from ldt_core.estimation.effect.cause import AT_REST
@@ -43,28 +44,13 @@ from ldt_core.physics.motor_driven import USUAL_ROUNDS
 from ldt_core.physics.motor_rates import memory, motor_rate
 
 Values = Mapping[str, float]
-Used = tuple[Effect, Values]
-Use = Sequence[Used]
 
 DIVERGED_SPEED = 1e4  # rad/s, in place of a free run that grows for ever
 ANGLE_SHOWS = 1e-3  # noise deviations by which an effect that depends on the angle shows it
 TERMINAL_PRICE = 4  # of a torque's steps that one of a voltage at the terminals takes: 34 and 8 ns
 CHANNELS = ("speed", "current")
 SHORTEST_STEP = 0.5e-3  # s, of the integration, whatever a fit tries: bounds the time it takes
-
-
-@dataclass(frozen=True, eq=False)
-class PreparedExperiment:
-    """One experiment, prepared for its residuals.
-
-    Attributes:
-        columns: (rows, s) change of the residuals per unknown first speed and current.
-    """
-
-    experiment: Experiment
-    at_rest: bool
-    rows: slice
-    columns: Array
+STATES_SEEN = 64  # samples of a run at which the states of effects are looked at, about
 
 
 class FreeRunResiduals:
@@ -267,29 +253,26 @@ class FreeRunResiduals:
                 rest[np.isnan(rest)] = limit
             yield rest
 
-    def own_states(self, run: Simulated, step: float) -> Array:
-        """(L, states) of the effects, less what they would begin with at each sample.
+    def own_states(self, runs: Sequence[Simulated], step: float) -> list[Array]:
+        """Of each, at some samples up to the last, (samples, states) of the effects.
 
-        Zeros where the run cannot be simulated.
+        They are less what the effects would begin with there; zeros where no run is possible. All
+        runs are of the same effects.
         """
-        terms = [(x, p) for x, p in run.use if x.states]
-        count = sum(len(x.states) for x, _ in terms)
-        values = self.changed(run.use)
-        if values is None:
-            return np.zeros((1, count))
-        begun = [self._free_run(run, values)]
-        ((_, states),) = self.physics.simulate_all(begun, step, SHORTEST_STEP)
-        if isinstance(states, LdtError):
-            return np.zeros((1, count))
-        first = [[v for x, p in terms for v in x.first_states(state, p)] for state in states]
-        own = states[:, states.shape[1] - count :] - np.array(first)
-        own = own[np.all(np.isfinite(own), axis=1)]
-        return own if len(own) else np.zeros((1, count))
+        use = runs[0].use if runs else ()
+        count = sum(len(x.states) for x, _ in use)
+        found, values = [np.zeros((1, count)) for _ in runs], self.changed(use)
+        begun = [] if values is None else [self._free_run(run, values) for run in runs]
+        for k, states in self.physics.simulate_all(begun, step, SHORTEST_STEP, self.workers):
+            if not isinstance(states, LdtError) and np.all(np.isfinite(states)):
+                some = states[:: -max(1, len(states) // STATES_SEEN)][::-1]
+                first = [[v for x, p in use for v in x.first_states(state, p)] for state in some]
+                found[k] = some[:, states.shape[1] - count :] - np.array(first)
+        return found
 
     def can_simulate(self, use: Use) -> bool:
         """Whether the machine with these effects has a free run of the first experiment at all."""
-        speed, _ = self.outputs(0, use, follow=False)
-        return bool(np.all(np.abs(speed) < DIVERGED_SPEED))
+        return bool(np.all(np.abs(self.outputs(0, use, follow=False)[0]) < DIVERGED_SPEED))
 
     def outputs(
         self,

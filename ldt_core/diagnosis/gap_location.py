@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from ldt_core.base.arrays import Array
 from ldt_core.diagnosis.diagnosis import GapLocation
-from ldt_core.diagnosis.free_run_residuals import Use
 from ldt_core.diagnosis.residual_torque import QUANTITIES, ResidualTorque
+from ldt_core.diagnosis.simulated_experiments import Use
 from ldt_core.diagnosis.torque_curve import KNOTS
 from ldt_core.physics.steady_state import has_foundation, unbalance_torque
 

@@ -15,7 +15,7 @@ from ldt_core.base.experiment import Experiment
 from ldt_core.base.metrics import FreeRunError
 from ldt_core.base.sentences import counted
 from ldt_core.diagnosis.diagnosis import HeldOutErrors
-from ldt_core.diagnosis.free_run_residuals import Use
+from ldt_core.diagnosis.simulated_experiments import Use
 from ldt_core.diagnosis.thresholds import THRESHOLDS
 from ldt_core.machine.machine_file import Machine
 from ldt_core.models.physics import PhysicsModel

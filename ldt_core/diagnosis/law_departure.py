@@ -19,13 +19,13 @@ from scipy.optimize import lsq_linear
 
 from ldt_core.base.arrays import Array
 from ldt_core.diagnosis.effect_fit import EffectFit, used
-from ldt_core.diagnosis.free_run_residuals import (
-    DIVERGED_SPEED,
-    FreeRunResiduals,
+from ldt_core.diagnosis.free_run_residuals import DIVERGED_SPEED, FreeRunResiduals
+from ldt_core.diagnosis.simulated_experiments import (
+    SEARCH_STEP,
     PreparedExperiment,
+    Simulated,
     Used,
 )
-from ldt_core.diagnosis.simulated_experiments import SEARCH_STEP, Simulated
 from ldt_core.diagnosis.thresholds import THRESHOLDS
 from ldt_core.effects import get_effect
 from ldt_core.estimation.variable_projection import project_out

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
 from ldt_core.base.arrays import Array
-from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals, Use
-from ldt_core.diagnosis.simulated_experiments import StartStates
+from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
+from ldt_core.diagnosis.simulated_experiments import StartStates, Use
 from ldt_core.diagnosis.torque_curve import TorqueCurve, torque_curve
 from ldt_core.estimation.smoothing import polynomial_weights, smoothed
 

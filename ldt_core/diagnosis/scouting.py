@@ -9,8 +9,9 @@ import numpy as np
 
 from ldt_core.base.arrays import Array
 from ldt_core.diagnosis.effect_fit import EffectFit, used
-from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals, Used
+from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
 from ldt_core.diagnosis.nominal_prior import NominalPrior
+from ldt_core.diagnosis.simulated_experiments import Used
 
 # In the scout's experiments together, about: bounds the time of a fit. With half as many again, of
 # 92 sealed cases three had another member in a group, and none another outcome.

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from ldt_core.base.arrays import Array
+from ldt_core.base.experiment import Experiment
 from ldt_core.physics.base import Physics
 from ldt_core.physics.effect import Effect
 
-Use = Sequence[tuple[Effect, Mapping[str, float]]]
+Used = tuple[Effect, Mapping[str, float]]
+Use = Sequence[Used]
 
 NO_OFFSET = np.zeros(0)
 SEARCH_STEP = 5e-3  # s, longest integration step: its error is below a third of the noise
@@ -53,12 +55,26 @@ class Simulated(NamedTuple):
     follow: bool = True
 
 
+@dataclass(frozen=True, eq=False)
+class PreparedExperiment:
+    """One experiment, prepared for its residuals.
+
+    Attributes:
+        columns: (rows, s) change of the residuals per unknown first speed and current.
+    """
+
+    experiment: Experiment
+    at_rest: bool
+    rows: slice
+    columns: Array
+
+
 class SimulatedExperiments(Protocol):
     """What the estimation of start states needs of `FreeRunResiduals`."""
 
     physics: Physics
     values: dict[str, float]
-    pieces: list[Any]
+    pieces: list[PreparedExperiment]
     starts: StartStates
     shaking: bool
 
@@ -68,5 +84,5 @@ class SimulatedExperiments(Protocol):
     def differences(self, runs: Sequence[Simulated], step: float) -> Iterator[Array]:
         """(rows,) measured minus simulated of each, in noise deviations."""
 
-    def own_states(self, run: Simulated, step: float) -> Array:
-        """(L, states) of the effects, less what they would begin with at each sample."""
+    def own_states(self, runs: Sequence[Simulated], step: float) -> list[Array]:
+        """Of each (samples, states) of the effects, less what they would begin with there."""

@@ -15,10 +15,10 @@ from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment
 from ldt_core.diagnosis.diagnosis import HeldOutErrors
 from ldt_core.diagnosis.effect_fit import EffectFit
-from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals, Used
+from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
 from ldt_core.diagnosis.holdout import beyond_noise, errors, errors_of
 from ldt_core.diagnosis.sentence import not_all_alike
-from ldt_core.diagnosis.simulated_experiments import StartStates
+from ldt_core.diagnosis.simulated_experiments import StartStates, Used
 from ldt_core.diagnosis.start_angles import ANGLE_TOLERANCE
 from ldt_core.diagnosis.thresholds import THRESHOLDS
 from ldt_core.machine.machine_file import Machine

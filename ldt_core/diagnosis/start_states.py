@@ -8,7 +8,8 @@ still unknown of them is projected out of the residuals.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -122,16 +123,16 @@ def searched_start_states(
         found = residuals.differences(turned, step)
         for i, now, moved in zip(stood, found, found, strict=False):
             bases[i] = basis_of(np.column_stack([pieces[i].columns, moved - now]))
-    for i, piece in enumerate(pieces):
-        if (piece.at_rest and not still) or not unknown:
-            continue
-        moved = {k: by for k, by in unknown.items() if k in (ANGLE, *range(n, n + states))}
-        steps = moved if piece.at_rest else unknown
+    begin = [i for i, piece in enumerate(pieces) if unknown and (still or not piece.at_rest)]
+    reached = _attained(residuals, begin, use, angles, step) if states else []
+    for at, i in enumerate(begin):
+        own = {k: by for k, by in unknown.items() if k in (ANGLE, *range(n, n + states))}
+        steps = own if pieces[i].at_rest else unknown
         rest = np.zeros(n + states)
         begun, reach = [(float(angles[i]), rest)], np.full((2, n + states), [[-np.inf], [np.inf]])
         if states:
-            there, _, reach[:, n:] = _attained(residuals, i, use, step, *begun[0])
-            begun = [(float(angles[i]), offset) for offset in there[:STATES_FOLLOWED]]
+            reach[:, n:] = reached[at].reach
+            begun = [(float(angles[i]), o) for o in reached[at].offsets[:STATES_FOLLOWED]]
         if moving and turning and near is None:
             begun += [(t, rest) for t in _projected_angles(residuals, i, use, step, rest, unknown)]
         if near is not None and near.offsets[i].size == n + states:
@@ -148,34 +149,65 @@ def searched_start_states(
     return StartStates(angles, tuple(bases), tuple(offsets))
 
 
+class _Attained(NamedTuple):
+    """What the effects' states come to in an experiment.
+
+    Attributes:
+        offsets: (tried, states) of all states at the first sample, that of least loss first.
+        losses: (tried,) what is left with each, beside first speed and current.
+        reach: (2, states) the least and the largest of the effects' states.
+    """
+
+    offsets: Array
+    losses: Array
+    reach: Array
+
+
 def _attained(
-    residuals: SimulatedExperiments, i: int, use: Use, step: float, angle: float, offset: Array
-) -> tuple[Array, Array, Array]:
-    """Offsets that the effects' states have in the run, and what each leaves, the best first; and
-    (2, states) the least and the largest of each state.
+    residuals: SimulatedExperiments, places: Sequence[int], use: Use, angles: Array, step: float
+) -> list[_Attained]:
+    """Of each of these experiments, what the effects' states come to.
 
     Where a far end lies within its play moves the speed by no slope that leads there. Beyond what
     they come to, a winding that hardly warms would begin as hot as any resistance asks for. What
     they come to is told by the experiment done twice: what is gained the second time is taken to
     go on shrinking as it did (Aitken's extrapolation).
     """
-    begin, own = offset.size - sum(len(e.states) for e, _ in use), []
-    for _ in range(2):
-        own.append(residuals.own_states(Simulated(i, use, angle, offset), step))
-        offset = offset.copy()
-        offset[begin:] = own[-1][-1]
-    once, twice = own[0][-1], own[1][-1]
-    kept = np.clip((twice - once) / np.where(once == 0, np.inf, once), 0.0, MOST_KEPT)
-    own.append((once + (twice - once) / (1 - kept))[None])
-    rows = np.concatenate(own)
-    tried = np.zeros((STATES_AT_ONCE, offset.size))
-    tried[1:, begin:] = _far_apart(rows, STATES_AT_ONCE - 1)
-    motor, left = basis_of(residuals.pieces[i].columns), []
-    for rest in residuals.differences([Simulated(i, use, angle, begun) for begun in tried], step):
-        left.append(float(rest @ rest - np.sum((motor.T @ rest) ** 2)))
-    reach = np.array([np.minimum(rows.min(axis=0), 0.0), np.maximum(rows.max(axis=0), 0.0)])
-    best = np.argsort(left)
-    return tried[best], np.array(left)[best], reach
+    n, states = len(residuals.physics.states), sum(len(e.states) for e, _ in use)
+    usual = np.zeros(n + states)
+
+    def runs(own: Sequence[Array]) -> list[Simulated]:
+        begun = [np.append(usual[:n], last) for last in own]
+        return [Simulated(i, use, float(angles[i]), o) for i, o in zip(places, begun, strict=True)]
+
+    once = residuals.own_states(runs([usual[n:]] * len(places)), step)
+    twice = residuals.own_states(runs([rows[-1] for rows in once]), step)
+    reached = []
+    for one, two in zip(once, twice, strict=True):
+        first, second = one[-1], two[-1]
+        kept = np.clip((second - first) / np.where(first == 0, np.inf, first), 0.0, MOST_KEPT)
+        reached.append(np.vstack([one, two, first + (second - first) / (1 - kept)]))
+    tried = np.zeros((len(places), STATES_AT_ONCE, n + states))
+    for offsets, rows in zip(tried, reached, strict=True):
+        offsets[1:, n:] = _far_apart(rows, STATES_AT_ONCE - 1)
+    asked = [
+        Simulated(i, use, float(angles[i]), offset)
+        for i, offsets in zip(places, tried, strict=True)
+        for offset in offsets
+    ]
+    motors = {i: basis_of(residuals.pieces[i].columns) for i in places}
+    left = [
+        float(rest @ rest - np.sum((motors[run.place].T @ rest) ** 2))
+        for run, rest in zip(asked, residuals.differences(asked, step), strict=True)
+    ]
+    found = []
+    for offsets, losses, rows in zip(
+        tried, np.reshape(left, tried.shape[:2]), reached, strict=True
+    ):
+        best = np.argsort(losses, kind="stable")
+        reach = np.array([np.minimum(rows.min(axis=0), 0.0), np.maximum(rows.max(axis=0), 0.0)])
+        found.append(_Attained(offsets[best], losses[best], reach))
+    return found
 
 
 def gain_of_states(residuals: SimulatedExperiments, use: Use, step: float) -> float:
@@ -189,13 +221,17 @@ def gain_of_states(residuals: SimulatedExperiments, use: Use, step: float) -> fl
         return 0.0
     n, found = len(residuals.physics.states), 0.0
     steps = dict.fromkeys(range(n, n + states), DIFFERENCE_OF_START)
-    for i, angle in enumerate(residuals.starts.angles):
-        usual = np.zeros(n + states)
-        tried, left, _ = _attained(residuals, i, use, step, float(angle), usual)
-        asked = [Simulated(i, use, float(angle), begun) for begun in _about(usual, steps)]
-        rest, *there = residuals.differences(asked, step)
-        near = basis_of(np.column_stack([moved - rest for moved in there])).T @ rest
-        found += max(float(left[~tried.any(axis=1)][0] - left[0]), float(near @ near))
+    places, angles = range(len(residuals.pieces)), residuals.starts.angles
+    usual = np.zeros(n + states)
+    asked = [
+        Simulated(i, use, float(angles[i]), begun) for i in places for begun in _about(usual, steps)
+    ]
+    rows = residuals.differences(asked, step)
+    for there in _attained(residuals, places, use, angles, step):
+        rest, *moved = (next(rows) for _ in range(1 + states))
+        near = basis_of(np.column_stack([m - rest for m in moved])).T @ rest
+        as_usual = there.losses[~there.offsets.any(axis=1)][0]
+        found += max(float(as_usual - there.losses[0]), float(near @ near))
     return found
 
 

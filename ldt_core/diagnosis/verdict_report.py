@@ -29,7 +29,6 @@ from ldt_core.diagnosis.diagnosis import (
 )
 from ldt_core.diagnosis.effect_fit import EffectFit
 from ldt_core.diagnosis.effect_set_search import EffectSetSearch
-from ldt_core.diagnosis.free_run_residuals import Used
 from ldt_core.diagnosis.gap_location import places, steady_places
 from ldt_core.diagnosis.holdout import (
     FEWEST_EXPERIMENTS,
@@ -61,6 +60,7 @@ from ldt_core.diagnosis.residual_torque import (
     residual_torque,
 )
 from ldt_core.diagnosis.sentence import not_measured, not_seen, not_standing, sentence
+from ldt_core.diagnosis.simulated_experiments import Used
 from ldt_core.diagnosis.standing import begun_errors, objection, unlike
 from ldt_core.diagnosis.thresholds import THRESHOLDS
 from ldt_core.diagnosis.verdict import Decision
