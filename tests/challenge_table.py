@@ -5,7 +5,8 @@ ldt challenge score cases cases.key.json --out score --no-comparators
 python -m tests.challenge_table score
 
 keeps what the tables need in `bags/challenge.json` and writes them anew, with the diagram of how
-often a stated confidence was right. A second folder is one with comparators, of the first cases.
+often a stated confidence was right. A second folder is one with comparators, of the first cases;
+without one, the table of comparators stays that of the round in which they were last asked.
 """
 
 from __future__ import annotations
@@ -32,13 +33,20 @@ DIAGNOSIS = "diagnosis"
 Case = Mapping[str, Any]
 
 
-def kept(folders: Sequence[Path]) -> dict[str, Any]:
-    """What the tables need of the scores in these folders."""
+def kept(folders: Sequence[Path], before: Mapping[str, Any]) -> dict[str, Any]:
+    """What the tables need of the scores in these folders, and of what was kept before."""
     scores = [json.loads((f / "score.json").read_text("utf-8")) for f in folders]
-    cases = [c for c in scores[0]["cases"] if c["who"] == DIAGNOSIS]
-    cases += [c for s in scores[1:] for c in s["cases"] if c["who"] != DIAGNOSIS]
-    slim = [{n: c[n] for n in COLUMNS} for c in cases]
-    return {"sha256": scores[0]["keys"][0]["sha256"], "stamp": scores[0]["stamp"], "cases": slim}
+    of_key = {"sha256": scores[0]["keys"][0]["sha256"]}
+    own = [c for c in _slim(scores[0]) if c["who"] == DIAGNOSIS]
+    compared = before.get("compared", {})
+    if others := [c for s in scores[1:] for c in _slim(s) if c["who"] != DIAGNOSIS]:
+        asked = {c["case"] for c in others}
+        compared = {**of_key, "cases": [*(c for c in own if c["case"] in asked), *others]}
+    return {**of_key, "stamp": scores[0]["stamp"], "cases": own, "compared": compared}
+
+
+def _slim(score: Mapping[str, Any]) -> list[Case]:
+    return [{n: c[n] for n in COLUMNS} for c in score["cases"]]
 
 
 def share(found: Iterable[bool]) -> str:
@@ -112,7 +120,7 @@ def table(found: Mapping[str, Any]) -> str:
         mean = statistics.fmean(c["confidence"] for c in inside)
         observed = share(bool(c["right"]) for c in inside)
         lines.append(f"| {low:g} to {high:g} | {mean:.2f} | {observed} |")
-    return "\n".join([*lines, *_comparators(found["cases"]), ""])
+    return "\n".join([*lines, *_comparators(found.get("compared", {})), ""])
 
 
 def _bins(own: Sequence[Case]) -> list[tuple[tuple[float, float], list[Case]]]:
@@ -121,13 +129,15 @@ def _bins(own: Sequence[Case]) -> list[tuple[tuple[float, float], list[Case]]]:
     return [(b, inside) for b, inside in bins if inside]
 
 
-def _comparators(cases: Sequence[Case]) -> list[str]:
+def _comparators(compared: Mapping[str, Any]) -> list[str]:
+    cases = compared.get("cases", [])
     who = list(dict.fromkeys(c["who"] for c in cases if c["who"] != DIAGNOSIS))
     if not who:
         return []
     same = {c["case"] for c in cases if c["who"] != DIAGNOSIS}
     everybody = [DIAGNOSIS, *who]
-    lines = ["", f"| the first {len(same)} cases | {' | '.join(everybody)} |"]
+    key = f"`{compared['sha256'][:8]}…`"
+    lines = ["", f"| the first {len(same)} cases of key {key} | {' | '.join(everybody)} |"]
     lines += ["|---|" + "---|" * len(everybody)]
     of = {w: [c for c in cases if c["who"] == w and c["case"] in same] for w in everybody}
     for name, chosen, judged, _ in (*ROWS[:5], ROWS[6]):
@@ -183,10 +193,10 @@ def main(*folders: str) -> int:
     """Write tables, picture and what they were made from."""
     if not folders:
         raise SystemExit(f"expected the folder of a score, got none; {__doc__}")
-    found = kept([Path(f) for f in folders])
-    rows = ",\n".join(json.dumps(c, sort_keys=True) for c in found.pop("cases"))
-    head = json.dumps(found)[:-1]
-    KEPT.write_text(f'{head}, "cases": [\n{rows}\n]}}\n', encoding="utf-8")
+    before = json.loads(KEPT.read_text("utf-8")) if KEPT.exists() else {}
+    found = kept([Path(f) for f in folders], before)
+    line_by_line = json.dumps(found, sort_keys=True).replace('{"acting"', '\n{"acting"')
+    KEPT.write_text(line_by_line + "\n", encoding="utf-8")
     again = json.loads(KEPT.read_text("utf-8"))
     write_table("accuracy", table(again))
     picture(again, KEPT.parent / "figures")
