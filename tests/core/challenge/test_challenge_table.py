@@ -36,7 +36,7 @@ def test_a_group_of_four_is_no_name():
 
 
 def test_comparators_stay_those_of_the_round_in_which_they_were_asked(tmp_path):
-    """A round without them does not lose them; one with them keeps the cases that they were asked."""
+    """A round without them does not lose them; one with them keeps the cases they were asked."""
     for folder, asked in (("own", ["diagnosis"]), ("others", ["diagnosis", "greedy"])):
         rows = [{**dict.fromkeys(COLUMNS), "who": w, "case": c} for w in asked for c in "ab"]
         rows = [r for r in rows if r["who"] == "diagnosis" or r["case"] == "a"]
