@@ -11,6 +11,7 @@ from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment
 from ldt_core.estimation.noise import ROUNDING, sensor_step, white_noise
+from ldt_core.estimation.start_at_rest import first_current
 from ldt_core.machine.machine_file import Machine
 from ldt_core.physics.base import CURRENT
 
@@ -25,8 +26,8 @@ def residual_noise(machine: Machine, experiments: Sequence[Experiment]) -> tuple
     """
     rest: tuple[list[Array], list[Array]] = ([], [])
     for e in experiments:
-        known = None if e.current is None else float(e.current[0])
-        start = machine.model.initial_state(machine.parameters, float(e.speed[0]), known)
+        first = float(e.speed[0]), first_current(e)
+        start = machine.model.initial_state(machine.parameters, *first)
         with contextlib.suppress(LdtError):
             states = machine.model.simulate(machine.parameters, e.voltage, e.period, start)
             rest[0].append(e.speed - machine.model.measure(states, e.period, ()))

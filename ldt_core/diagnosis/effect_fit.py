@@ -15,7 +15,6 @@ from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
 from ldt_core.diagnosis.nominal_prior import NominalCandidate
 from ldt_core.diagnosis.simulated_experiments import SEARCH_STEP, StartStates, Used
 from ldt_core.diagnosis.start_angles import gain_of_angles, turns
-from ldt_core.diagnosis.start_states import gain_of_states
 from ldt_core.diagnosis.thresholds import THRESHOLDS
 from ldt_core.estimation.least_squares import ForwardDifferences, trust_region
 
@@ -24,7 +23,7 @@ STEPS_TO_START_STATES = 4  # least-squares steps after which start states are es
 PRECISION = 1e-5  # of the loss: a step that gains less ends the fit
 START_STATE_ROUNDS = 4  # in which start states and parameters are fitted in turn, at most
 START_STATE_GAIN = 0.02  # of the loss: a round that gains less is the last
-GAIN_IN_VIEW = 0.5  # of what own start states have to gain: they are sought where so much shows
+GAIN_IN_VIEW = 0.5  # of what own start angles have to gain: they are sought where so much shows
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,17 +194,20 @@ def fit(
                 break
     sought = residuals.shaking or not any(p.at_rest for p in residuals.pieces)
     use = used(members, by_member(members, z))
-    shown, price = 0.0, len(residuals.pieces) * THRESHOLDS.start_state_gain
+    price, shown, apart = len(residuals.pieces) * THRESHOLDS.start_state_gain, 0.0, None
     if not sought and turns(residuals, use):
-        shown = gain_of_angles(residuals, use, slopes[: residuals.size], step)
+        shown = gain_of_angles(residuals, use, slopes[: residuals.size], step) / GAIN_IN_VIEW
     elif states := 0 if sought else sum(len(c.effect.states) for c in members):
-        shown = gain_of_states(residuals, use, step)
         price = max(price * states, START_STATE_GAIN * float(left @ left))
-    if shown > price * GAIN_IN_VIEW:
+        apart = settled(z, free=True)
+        rest, shared_rest = residuals.of(use, step, apart), left[: residuals.size]
+        shown = float(shared_rest @ shared_rest - rest @ rest)
+    if shown > price:
         shared, kept = (z, left, slopes), starts[0]
         before = math.inf
         for turn in range(START_STATE_ROUNDS):
-            starts[0] = settled(z, free=True, near=starts[0] if turn else None)
+            near = starts[0] if turn else None
+            starts[0] = apart if apart and not turn else settled(z, free=True, near=near)
             z, left, slopes = descend(z, steps // 2)
             if float(left @ left) > (1 - START_STATE_GAIN) * before:
                 break

@@ -32,8 +32,8 @@ from ldt_core.diagnosis.simulated_experiments import (
     Use,
 )
 from ldt_core.diagnosis.start_states import searched_start_states, start_states_for
-from ldt_core.estimation.effect.cause import AT_REST
 from ldt_core.estimation.noise import ROUNDING, rounding_correlation, sensor_step
+from ldt_core.estimation.start_at_rest import AT_REST, first_current
 from ldt_core.estimation.variable_projection import basis_of, project_out
 from ldt_core.machine.machine_file import Machine
 from ldt_core.physics.base import ANGLE, CURRENT, MAX_STEP, NOT_TRACKED, SPEED, FreeRun, Work
@@ -93,7 +93,9 @@ class FreeRunResiduals:
         for e in self.experiments:
             rows = len(e) * (1 if e.current is None else 2)
             rest = abs(float(e.speed[0])) <= AT_REST * self.noise[0]
-            columns = np.zeros((rows, 0)) if rest else self._motor_columns(e)
+            columns = self._motor_columns(e)[
+                :, [not rest, not rest or first_current(e) is not None]
+            ]
             self.pieces.append(PreparedExperiment(e, rest, slice(at, at + rows), columns))
             at += rows
         #: Residuals in all.
@@ -329,15 +331,12 @@ class FreeRunResiduals:
         piece, use = self.pieces[run.place], run.use
         e, physics = piece.experiment, self.physics
         seen = physics.behind_sensor(e.speed, e.period, use)
-        first = 0.0 if piece.at_rest else float(seen[0])
-        known = None if e.current is None else float(e.current[0])
+        first, known = 0.0 if piece.at_rest else float(seen[0]), first_current(e)
         start = physics.initial_state(values, first, known)
         if not piece.at_rest and physics.shakes(values):
             start = physics.running_state(values, first, run.angle, known)
         start[ANGLE] = run.angle
-        terms = [(x, p) for x, p in use if x.torque is not None or x.terminal is not None]
-        own = [v for x, p in terms for v in x.first_states(start, p)]
-        start = np.concatenate([start, own])
+        start = np.concatenate([start, *(x.first_states(start, p) for x, p in use)])
         if run.offset.size:
             start[: run.offset.size] += run.offset[: start.size]
         followed = run.follow and (self._always_led or self.led(use, values))

@@ -27,15 +27,16 @@ from ldt_core.estimation.least_squares import damped_step
 from ldt_core.estimation.variable_projection import basis_of, project_out
 from ldt_core.physics.base import ANGLE, CURRENT, SPEED
 
-GAUSS_NEWTON_STEPS = 12  # for a foundation in motion, whose start is not linear in the speed
+FOUNDATION_STEPS = 12  # for a foundation in motion, whose start is not linear in the speed
+STATE_STEPS = 6  # for effects' states; of several dampings at once, so that few lead to the minimum
 LEAST_DECREASE = 0.98  # of the loss: a step after which more than that is left is the last
 ANGLES_FOLLOWED = 2  # from which a foundation's motion is sought
 DAMPINGS = tuple(10.0 ** np.arange(-6.0, 2.0))  # of Marquardt steps: as many as run at once
+STATES_AT_ONCE = 8  # starts of the effects' states that are tried: as many as are simulated at once
 STATES_FOLLOWED = 3  # of these, from which steps are made until two end alike
 MOST_KEPT = 0.9  # of a state in an experiment: of what is kept longer, the experiment shows little
-STATES_AT_ONCE = 8  # starts of the effects' states that are tried: as many as are simulated at once
 TINY = 1e-300
-FOUNDATION_SCALE = 0.01  # of that difference: a foundation moves by millimetres
+FOUNDATION_SCALE = 0.01  # of `DIFFERENCE_OF_START`: a foundation moves by millimetres
 
 
 def start_states_for(
@@ -132,12 +133,13 @@ def searched_start_states(
         begun, reach = [(float(angles[i]), rest)], np.full((2, n + states), [[-np.inf], [np.inf]])
         if states:
             reach[:, n:] = reached[at].reach
-            begun = [(float(angles[i]), o) for o in reached[at].offsets[:STATES_FOLLOWED]]
+            followed = STATES_FOLLOWED if near is None else 1
+            begun = [(float(angles[i]), o) for o in reached[at].offsets[:followed]]
         if moving and turning and near is None:
             begun += [(t, rest) for t in _projected_angles(residuals, i, use, step, rest, unknown)]
         if near is not None and near.offsets[i].size == n + states:
             begun.append((float(near.angles[i]), near.offsets[i]))
-        rounds = GAUSS_NEWTON_STEPS if moving or states else 1
+        rounds = FOUNDATION_STEPS if moving else STATE_STEPS if states else 1
         tried: list[tuple[float, Array, Array]] = []
         for start in begun:
             tried.append(_start_of(residuals, i, use, step, *start, steps, rounds, reach))
@@ -154,12 +156,10 @@ class _Attained(NamedTuple):
 
     Attributes:
         offsets: (tried, states) of all states at the first sample, that of least loss first.
-        losses: (tried,) what is left with each, beside first speed and current.
         reach: (2, states) the least and the largest of the effects' states.
     """
 
     offsets: Array
-    losses: Array
     reach: Array
 
 
@@ -206,32 +206,7 @@ def _attained(
     ):
         best = np.argsort(losses, kind="stable")
         reach = np.array([np.minimum(rows.min(axis=0), 0.0), np.maximum(rows.max(axis=0), 0.0)])
-        found.append(_Attained(offsets[best], losses[best], reach))
-    return found
-
-
-def gain_of_states(residuals: SimulatedExperiments, use: Use, step: float) -> float:
-    """About how much less is left where in each experiment the effects' states begin on their own.
-
-    The larger of what those gain that the states have in the run, and what others nearby gain, to
-    first order.
-    """
-    states = sum(len(e.states) for e, _ in use)
-    if not states:
-        return 0.0
-    n, found = len(residuals.physics.states), 0.0
-    steps = dict.fromkeys(range(n, n + states), DIFFERENCE_OF_START)
-    places, angles = range(len(residuals.pieces)), residuals.starts.angles
-    usual = np.zeros(n + states)
-    asked = [
-        Simulated(i, use, float(angles[i]), begun) for i in places for begun in _about(usual, steps)
-    ]
-    rows = residuals.differences(asked, step)
-    for there in _attained(residuals, places, use, angles, step):
-        rest, *moved = (next(rows) for _ in range(1 + states))
-        near = basis_of(np.column_stack([m - rest for m in moved])).T @ rest
-        as_usual = there.losses[~there.offsets.any(axis=1)][0]
-        found += max(float(as_usual - there.losses[0]), float(near @ near))
+        found.append(_Attained(offsets[best], reach))
     return found
 
 

@@ -20,8 +20,9 @@ import numpy as np
 from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment
-from ldt_core.estimation.effect.cause import AT_REST, DIVERGED_SPEED, finite_speed
+from ldt_core.estimation.effect.cause import DIVERGED_SPEED, finite_speed
 from ldt_core.estimation.effect.effect_coordinates import EffectCoordinates, Use
+from ldt_core.estimation.start_at_rest import AT_REST, first_current
 from ldt_core.machine.machine_file import Machine
 from ldt_core.physics.base import ANGLE, CURRENT, NOT_TRACKED, SPEED, FreeRun, Work
 from ldt_core.physics.effect import Effect
@@ -185,7 +186,7 @@ class GreyBox:
         for effect, given in use:
             changed = effect.change_parameters(self.physics, changed, given)
         seen = self.physics.behind_sensor(experiment.speed, experiment.period, use, machine)
-        current = None if experiment.current is None else float(experiment.current[0])
+        current = first_current(experiment)
         offset = np.zeros(CURRENT + 1) if start is None else start
         if rest:
             first = self.physics.initial_state(changed, 0.0, current)

@@ -13,6 +13,7 @@ from ldt_core.base.errors import LdtError, OptionError, did_you_mean
 from ldt_core.base.experiment import Experiment, Prediction
 from ldt_core.base.threads import one_thread
 from ldt_core.estimation.motor_run import MotorRun
+from ldt_core.estimation.start_at_rest import first_current
 from ldt_core.machine.machine_file import Machine
 from ldt_core.models.base import Model
 from ldt_core.models.gaussian_process.learn import LearnedAcceleration, learn, persistence
@@ -164,7 +165,7 @@ class HybridModel(Model):
 
     def start(self, experiment: Experiment) -> Array:
         """(2,) current and speed at the first sample."""
-        current = None if experiment.current is None else float(experiment.current[0])
+        current = first_current(experiment)
         speed = float(experiment.speed[0])
         state = self.physics.physics.initial_state(self.physics.values, speed, current)
         return np.array([state[CURRENT], speed])

@@ -7,6 +7,7 @@ from typing import Any, Self
 
 from ldt_core.base.errors import LdtError, did_you_mean
 from ldt_core.base.experiment import Experiment, Prediction
+from ldt_core.estimation.start_at_rest import first_current
 from ldt_core.models.base import Model
 
 
@@ -46,7 +47,7 @@ class PhysicsModel(Model):
         Raises:
             LdtError: the simulated state grows without bound.
         """
-        current = None if experiment.current is None else float(experiment.current[0])
+        current = first_current(experiment)
         about, acting = (experiment.voltage, experiment.period), self.effects
         values = self.values
         for effect, given in acting:

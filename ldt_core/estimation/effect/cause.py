@@ -15,6 +15,7 @@ from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment
 from ldt_core.estimation.effect.effect_coordinates import EffectCoordinates
+from ldt_core.estimation.start_at_rest import AT_REST, first_current
 from ldt_core.physics.base import ANGLE, CURRENT, SPEED, FreeRun
 
 if TYPE_CHECKING:
@@ -23,9 +24,6 @@ if TYPE_CHECKING:
 
 
 DIVERGED_SPEED = 1e6  # rad/s, that no fit accepts, in place of a free run that grows for ever
-#: A first sample nearer to 0 than so many noise deviations is that of a machine at rest: one sample
-#: of normal noise in 16,000 is farther.
-AT_REST = 4.0
 SENSOR_ROUNDS = 20  # of a fixed point for the speed behind a first sample; it converges in a few
 PROBE_DURATION = 2.0  # s, of the run that shows whether the start angle matters: several turns
 ROUNDING_SHARE = 1e-6  # of the largest speed: two free runs that differ by less are the same
@@ -204,7 +202,7 @@ class Cause:
     def _run(self, experiment: Experiment, z: Array, offset: Array, rest: bool) -> FreeRun:
         given = self.given(z)
         speed = 0.0 if rest else self._first_speed(experiment, z)
-        current = None if experiment.current is None else float(experiment.current[0])
+        current = first_current(experiment)
         worn = self.effect.change_parameters(self.physics, self.values, given)
         initial = self.physics.running_state(worn, speed, float(offset[ANGLE]), current)
         initial[SPEED:] += offset[SPEED:]

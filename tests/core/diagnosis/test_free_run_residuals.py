@@ -14,10 +14,11 @@ from scipy.stats import chi2
 from ldt_core.base.experiment import Experiment
 from ldt_core.diagnosis.channel_noise import channel_noise
 from ldt_core.diagnosis.effect_fit import fit
-from ldt_core.diagnosis.free_run_residuals import AT_REST, FreeRunResiduals
+from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
 from ldt_core.diagnosis.simulated_experiments import SEARCH_STEP
 from ldt_core.diagnosis.start_angles import gain_of_angles
 from ldt_core.diagnosis.start_states import directions
+from ldt_core.estimation.start_at_rest import AT_REST
 from ldt_core.estimation.variable_projection import basis_of, project_out
 
 FASTER = (6.0, 16.0)  # V: through the resonance of the foundation
@@ -237,6 +238,18 @@ def test_a_first_sample_that_is_far_off_does_no_harm():
     # The one sample itself pulls at two unknowns, less than as if it were all that they move.
     assert float(left @ left) < 40**2
     assert white(residuals.of()[200:])
+
+
+def test_noise_of_the_first_current_is_no_current_of_a_machine_at_rest():
+    """A winding of 0.4 s would keep it for as long: an inertia was named of a healthy motor."""
+    slow = MOTOR.with_parameters(J=0.017, K_t=0.39, R=1.36, L=0.57, b=0.01)
+    experiments = record(slow, samples=800, count=8, current=True, seed=5)
+    residuals = FreeRunResiduals(slow, experiments)
+    assert all(p.at_rest and p.columns.shape[1] == 0 for p in residuals.pieces)
+    rest = residuals.of()
+    assert float(rest @ rest) < chi2.ppf(1 - CHANCE, residuals.size)
+    kept = [replace(e, speed=e.speed, current=e.current + 3.0) for e in experiments]
+    assert all(p.columns.shape[1] == 1 for p in FreeRunResiduals(slow, kept).pieces)
 
 
 def test_rest_is_told_from_running_by_the_noise():
