@@ -13,7 +13,7 @@ from ldt_core.base.sentences import spoken
 from ldt_core.diagnosis.candidate import START_PHASES, Candidate
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
 from ldt_core.diagnosis.nominal_prior import NominalCandidate
-from ldt_core.diagnosis.simulated_experiments import SEARCH_STEP, StartStates, Used
+from ldt_core.diagnosis.simulated_experiments import SEARCH_STEP, StartStates, Used, states_of
 from ldt_core.diagnosis.start_angles import gain_of_angles, turns
 from ldt_core.diagnosis.thresholds import THRESHOLDS
 from ldt_core.estimation.least_squares import ForwardDifferences, trust_region
@@ -197,7 +197,7 @@ def fit(
     price, shown, apart = len(residuals.pieces) * THRESHOLDS.start_state_gain, 0.0, None
     if not sought and turns(residuals, use):
         shown = gain_of_angles(residuals, use, slopes[: residuals.size], step) / GAIN_IN_VIEW
-    elif states := 0 if sought else sum(len(c.effect.states) for c in members):
+    elif not sought and (states := states_of(use)):
         price = max(price * states, START_STATE_GAIN * float(left @ left))
         apart = settled(z, free=True)
         rest, shared_rest = residuals.of(use, step, apart), left[: residuals.size]

@@ -30,6 +30,7 @@ from ldt_core.diagnosis.simulated_experiments import (
     Simulated,
     StartStates,
     Use,
+    states_of,
 )
 from ldt_core.diagnosis.start_states import searched_start_states, start_states_for
 from ldt_core.estimation.noise import ROUNDING, rounding_correlation, sensor_step
@@ -93,9 +94,8 @@ class FreeRunResiduals:
         for e in self.experiments:
             rows = len(e) * (1 if e.current is None else 2)
             rest = abs(float(e.speed[0])) <= AT_REST * self.noise[0]
-            columns = self._motor_columns(e)[
-                :, [not rest, not rest or first_current(e) is not None]
-            ]
+            flows = (CURRENT,) if first_current(e) is not None else ()
+            columns = self._motor_columns(e, flows if rest else (SPEED, CURRENT))
             self.pieces.append(PreparedExperiment(e, rest, slice(at, at + rows), columns))
             at += rows
         #: Residuals in all.
@@ -111,7 +111,7 @@ class FreeRunResiduals:
         #: Whether the machine shakes a foundation as its file knows it.
         self.shaking = self.physics.shakes(self.values)
         if self.shaking:
-            self.starts = searched_start_states(self, (), True, 0, True, True, SEARCH_STEP)
+            self.starts = searched_start_states(self, (), True, True, True, SEARCH_STEP)
         if noise is None:
             self._repeat()
         self._colour(colour or {})
@@ -184,7 +184,7 @@ class FreeRunResiduals:
         bases = tuple(basis_of(p.columns) for p in self.pieces)
         self.starts = StartStates(self.starts.angles, bases, self.starts.offsets)
         if self.shaking:
-            self.starts = searched_start_states(self, (), True, 0, True, True, SEARCH_STEP)
+            self.starts = searched_start_states(self, (), True, True, True, SEARCH_STEP)
 
     def part(self, numbers: Sequence[int], workers: int | None = None) -> FreeRunResiduals:
         """The residuals with some of the experiments only, by their place in the list."""
@@ -262,7 +262,7 @@ class FreeRunResiduals:
         runs are of the same effects.
         """
         use = runs[0].use if runs else ()
-        count = sum(len(x.states) for x, _ in use)
+        count = states_of(use)
         found, values = [np.zeros((1, count)) for _ in runs], self.changed(use)
         begun = [] if values is None else [self._free_run(run, values) for run in runs]
         for k, states in self.physics.simulate_all(begun, step, SHORTEST_STEP, self.workers):
@@ -384,16 +384,15 @@ class FreeRunResiduals:
         moved[:, ANGLE] = 0.0
         return moved
 
-    def _motor_columns(self, e: Experiment) -> Array:
-        """(rows, 2) change of the residuals per unknown first speed and current."""
-        ad, bd = MOTOR.discretised(self.physics.folded(self.values), e.period)
-        columns = []
-        for state in (SPEED, CURRENT):
+    def _motor_columns(self, e: Experiment, unknown: Sequence[int]) -> Array:
+        """(rows, s) change of the residuals per unknown first speed and current."""
+        columns = np.zeros((len(e) * (1 if e.current is None else 2), len(unknown)))
+        for column, state in zip(columns.T, unknown, strict=True):
+            ad, bd = MOTOR.discretised(self.physics.folded(self.values), e.period)
             first = np.zeros(3)
             first[state] = 1.0
             moved = propagate(ad, bd, np.zeros(len(e)), first, *NOT_TRACKED)
-            column = moved[:, SPEED] / self.noise[0]
+            column[: len(e)] = moved[:, SPEED] / self.noise[0]
             if e.current is not None:
-                column = np.concatenate([column, moved[:, CURRENT] / self.noise[1]])
-            columns.append(column)
-        return np.column_stack(columns)
+                column[len(e) :] = moved[:, CURRENT] / self.noise[1]
+        return columns

@@ -21,6 +21,11 @@ SEARCH_STEP = 5e-3  # s, longest integration step: its error is below a third of
 DIFFERENCE_OF_START = 0.01  # rad, K, ...: of a start state, for difference quotients
 
 
+def states_of(use: Use) -> int:
+    """How many states the effects have."""
+    return sum(len(effect.states) for effect, _ in use)
+
+
 @dataclass(frozen=True, eq=False)
 class StartStates:
     """What is taken of the states at the first samples.

@@ -21,6 +21,7 @@ from ldt_core.diagnosis.simulated_experiments import (
     SimulatedExperiments,
     StartStates,
     Use,
+    states_of,
 )
 from ldt_core.diagnosis.start_angles import ANGLES_TRIED, best_angles, turns
 from ldt_core.estimation.least_squares import damped_step
@@ -60,7 +61,7 @@ def start_states_for(
     if values is None:
         return residuals.starts
     shaken = any(v != residuals.values[n] for n, v in values.items() if n not in MOTOR)
-    states = sum(len(e.states) for e, _ in use)
+    states = states_of(use)
     still = free and bool(states)
     # The angles that a shaking machine is known by were sought without the effects.
     free = free or residuals.shaking
@@ -70,7 +71,7 @@ def start_states_for(
         return residuals.starts
     moving = residuals.physics.shakes(values)
     return searched_start_states(
-        residuals, use, moving, states, turning or (shaken and moving), free, step, near, still
+        residuals, use, moving, turning or (shaken and moving), free, step, near, still
     )
 
 
@@ -78,7 +79,6 @@ def searched_start_states(
     residuals: SimulatedExperiments,
     use: Use,
     moving: bool,
-    states: int,
     turning: bool,
     free: bool,
     step: float,
@@ -89,7 +89,6 @@ def searched_start_states(
 
     Args:
         moving: the foundation moves.
-        states: how many states the effects have.
         turning: the angle matters.
         free: also that of machines at rest.
         step: longest integration step [s].
@@ -98,7 +97,7 @@ def searched_start_states(
     """
     angles, bases = residuals.starts.angles.copy(), list(residuals.starts.bases)
     offsets = list(residuals.starts.offsets)
-    n = len(residuals.physics.states)
+    n, states = len(residuals.physics.states), states_of(use)
     # The states of a foundation in motion and of the effects, each with its difference step. Beside
     # the latter, the speed is no longer linear in the first speed and current.
     unknown = (
@@ -173,7 +172,7 @@ def _attained(
     they come to is told by the experiment done twice: what is gained the second time is taken to
     go on shrinking as it did (Aitken's extrapolation).
     """
-    n, states = len(residuals.physics.states), sum(len(e.states) for e, _ in use)
+    n, states = len(residuals.physics.states), states_of(use)
     usual = np.zeros(n + states)
 
     def runs(own: Sequence[Array]) -> list[Simulated]:
@@ -197,7 +196,7 @@ def _attained(
     ]
     motors = {i: basis_of(residuals.pieces[i].columns) for i in places}
     left = [
-        float(rest @ rest - np.sum((motors[run.place].T @ rest) ** 2))
+        _loss_beside(motors[run.place], rest)
         for run, rest in zip(asked, residuals.differences(asked, step), strict=True)
     ]
     found = []
@@ -272,7 +271,7 @@ def _start_of(
     linear = columns[:, :0] if SPEED in unknown else columns
     motor, kept = basis_of(linear), offset
     (rest,) = residuals.differences([Simulated(i, use, angle, kept)], step)
-    loss = float(rest @ rest - np.sum((motor.T @ rest) ** 2))
+    loss = _loss_beside(motor, rest)
     for last in (False,) * (rounds - 1) + (True,):
         near = [Simulated(i, use, angle, begun) for begun in _about(kept, unknown)[1:]]
         there = list(residuals.differences(near, step))
@@ -291,12 +290,17 @@ def _start_of(
             tried.append(np.clip(moved, *reach))
         asked = [Simulated(i, use, angle, begun) for begun in tried]
         rests = list(residuals.differences(asked, step))
-        losses = [float(r @ r - np.sum((motor.T @ r) ** 2)) for r in rests]
+        losses = [_loss_beside(motor, r) for r in rests]
         best = int(np.argmin(losses))
         if not losses[best] < loss * LEAST_DECREASE:
             break
         kept, rest, loss = tried[best], rests[best], losses[best]
     return left, kept, basis
+
+
+def _loss_beside(basis: Array, rest: Array) -> float:
+    """Sum of squares of what is left beside orthonormal directions."""
+    return float(rest @ rest - np.sum((basis.T @ rest) ** 2))
 
 
 def directions(columns: Array, deviations: Array) -> Array:
