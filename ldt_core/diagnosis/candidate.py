@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
 from collections.abc import Mapping, Sequence
@@ -107,11 +108,20 @@ class Candidate:
 
     def value(self, j: int, z: float) -> float:
         """Parameter j at a coordinate, within its bounds and of a size that an effect accepts."""
-        p, neutral = self.parameters[j], self.neutral(j)
-        value = neutral * math.exp(z) if logarithmic(p) else neutral + z * self.scale(j)
+        p, (neutral, scale, least, as_log) = self.parameters[j], self._numbers[j]
+        value = neutral * math.exp(z) if as_log else neutral + z * scale
         if p.cyclic and not p.low <= value <= p.high:
             return p.low + (value - p.low) % (2 * math.pi)
-        return min(max(value, p.least(self.scale(j)), -LARGEST), p.high, LARGEST)
+        return min(max(value, least, -LARGEST), p.high, LARGEST)
+
+    @functools.cached_property
+    def _numbers(self) -> list[tuple[float, float, float, bool]]:
+        """Of each parameter, asked for at every point of a fit: what `value` computes with."""
+        scales = [self.scale(j) for j in range(len(self.parameters))]
+        return [
+            (self.neutral(j), scale, p.least(scale), logarithmic(p))
+            for j, (p, scale) in enumerate(zip(self.parameters, scales, strict=True))
+        ]
 
     def given(self, z: Sequence[float] | Array) -> dict[str, float]:
         """All parameters at (d,) coordinates."""

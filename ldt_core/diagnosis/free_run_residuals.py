@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import contextlib
 import copy
+import functools
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
@@ -30,6 +31,7 @@ from ldt_core.diagnosis.simulated_experiments import (
     Simulated,
     StartStates,
     Use,
+    motor_columns,
     states_of,
 )
 from ldt_core.diagnosis.start_states import searched_start_states, start_states_for
@@ -43,8 +45,7 @@ from ldt_core.physics.integrate import MAX_STEP_RATE, propagate
 from ldt_core.physics.motor import MOTOR
 from ldt_core.physics.motor_driven import USUAL_ROUNDS
 from ldt_core.physics.motor_rates import memory, motor_rate
-
-Values = Mapping[str, float]
+from ldt_core.physics.parameter import Values
 
 DIVERGED_SPEED = 1e4  # rad/s, in place of a free run that grows for ever
 ANGLE_SHOWS = 1e-3  # noise deviations by which an effect that depends on the angle shows it
@@ -92,12 +93,12 @@ class FreeRunResiduals:
         self.pieces: list[PreparedExperiment] = []
         at = 0
         for e in self.experiments:
-            rows = len(e) * (1 if e.current is None else 2)
             rest = abs(float(e.speed[0])) <= AT_REST * self.noise[0]
             flows = (CURRENT,) if first_current(e) is not None else ()
-            columns = self._motor_columns(e, flows if rest else (SPEED, CURRENT))
-            self.pieces.append(PreparedExperiment(e, rest, slice(at, at + rows), columns))
-            at += rows
+            unknown = flows if rest else (SPEED, CURRENT)
+            columns = motor_columns(self.physics.folded(self.values), e, unknown, self.noise)
+            self.pieces.append(PreparedExperiment(e, rest, slice(at, at + len(columns)), columns))
+            at += len(columns)
         #: Residuals in all.
         self.size = at
         #: Start states as they are known before any effect is.
@@ -366,14 +367,28 @@ class FreeRunResiduals:
         """
         for effect in effects:
             if effect.name not in self._angles:
-                use = [(effect, effect.check(effect.typical))]
-                turned = [Simulated(0, use, a, follow=False) for a in (0.0, 1.0)]
-                (one, _), (other, _) = self.simulated(turned, SEARCH_STEP)
-                moved = float(np.max(np.abs(one - other)))
+                moved = self._turned([(effect, effect.check(effect.typical))])
                 self._angles[effect.name] = moved > ANGLE_SHOWS * self.noise[0]
             if self._angles[effect.name]:
                 return True
         return False
+
+    def may_turn(self, use: Use) -> bool:
+        """Whether the shaft's angle may matter: to the machine, or to what an effect reads."""
+        if any("theta" in t.reads for e, _ in (*self.machine.effects, *use) for t in e.terms):
+            return True
+        values = self.changed(use)
+        return values is None or self.physics.shakes(values) or self._turned_alone > 0
+
+    @functools.cached_property
+    def _turned_alone(self) -> float:
+        return self._turned(())
+
+    def _turned(self, use: Use) -> float:
+        """By how much another start angle moves the speed [rad/s]."""
+        asked = [Simulated(0, use, angle, follow=False) for angle in (0.0, 1.0)]
+        (one, _), (other, _) = self.simulated(asked, SEARCH_STEP)
+        return float(np.max(np.abs(one - other)))
 
     def _corrections(self, values: Values, run: FreeRun, states: Array) -> Array:
         """(L, 3) what the observer has added to angle, speed and current so far."""
@@ -383,16 +398,3 @@ class FreeRunResiduals:
         moved = propagate(ad, np.ascontiguousarray(ad[:, SPEED]), pushed, np.zeros(3), *NOT_TRACKED)
         moved[:, ANGLE] = 0.0
         return moved
-
-    def _motor_columns(self, e: Experiment, unknown: Sequence[int]) -> Array:
-        """(rows, s) change of the residuals per unknown first speed and current."""
-        columns = np.zeros((len(e) * (1 if e.current is None else 2), len(unknown)))
-        for column, state in zip(columns.T, unknown, strict=True):
-            ad, bd = MOTOR.discretised(self.physics.folded(self.values), e.period)
-            first = np.zeros(3)
-            first[state] = 1.0
-            moved = propagate(ad, bd, np.zeros(len(e)), first, *NOT_TRACKED)
-            column[: len(e)] = moved[:, SPEED] / self.noise[0]
-            if e.current is not None:
-                column[len(e) :] = moved[:, CURRENT] / self.noise[1]
-        return columns

@@ -10,11 +10,12 @@ explain speaks for no further effect.
 
 from __future__ import annotations
 
+import bisect
 import math
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.linalg import solve_banded
+from scipy.linalg import solve_banded, solve_triangular
 from scipy.optimize import lsq_linear
 
 from ldt_core.base.arrays import Array
@@ -73,19 +74,25 @@ class LawDepartures:
         z, own = np.concatenate(fitted.z), len(fitted.prior_rows)
         target[z.size - own : z.size] += z[z.size - own :]
         low, high = (np.concatenate([c.bounds[k] for c in fitted.members]) - z for k in (0, 1))
-        for stiffness in STIFFNESSES:
+
+        def moved_at(k: int) -> tuple[Array, Array]:
             # Each departure and each number of the machine file has a prior of deviation 1; a
             # parameter of an effect may move by about its own size, as far as the slopes hold.
-            prior = np.concatenate([np.ones(z.size), np.full(len(target) - z.size, stiffness)])
-            whole = gram + np.diag(prior)
-            moved = _bounded(whole, target, low, high)
-            shapes = moved[z.size :].reshape(len(power), -1)
+            stiff = np.full(len(target) - z.size, STIFFNESSES[k])
+            whole = gram + np.diag(np.concatenate([np.ones(z.size), stiff]))
+            return _bounded(whole, target, low, high), whole
+
+        def is_small(k: int) -> bool:
+            shapes = moved_at(k)[0][z.size :].reshape(len(power), -1)
             sizes = [
                 float(a @ gram[at : at + a.size, at : at + a.size] @ a)
                 for at, a in zip(range(z.size, len(target), shapes.shape[1]), shapes, strict=True)
             ]
-            if (np.array(sizes) <= THRESHOLDS.departure_of_law * power).all():
-                break
+            return bool((np.array(sizes) <= THRESHOLDS.departure_of_law * power).all())
+
+        stiffest = len(STIFFNESSES) - 1  # the stiffer, the less a law departs
+        least = bisect.bisect_left(range(stiffest), True, key=is_small)
+        (moved, whole), stiffness = moved_at(least), STIFFNESSES[least]
         gain = -float(moved @ whole @ moved + 2 * target @ moved)
         part = whole[: z.size, : z.size]
         free = np.linalg.slogdet(whole)[1] - np.linalg.slogdet(part)[1]
@@ -198,7 +205,10 @@ def _bounded(gram: Array, target: Array, low: Array, high: Array) -> Array:
     root = np.linalg.cholesky(gram)
     ends = np.full((2, len(target)), math.inf)
     ends[0, : low.size], ends[1, : high.size] = np.maximum(-low, LEAST), np.maximum(high, LEAST)
-    wanted = -np.linalg.solve(root, target)
+    wanted = -solve_triangular(root, target, lower=True)
+    free = solve_triangular(root, wanted, lower=True, trans="T")
+    if np.all((-ends[0] <= free) & (free <= ends[1])):
+        return np.asarray(free)
     return np.asarray(lsq_linear(root.T, wanted, (-ends[0], ends[1])).x)
 
 

@@ -9,6 +9,7 @@ allows. What is further off is a change of the machine, which an effect of the l
 from __future__ import annotations
 
 import contextlib
+import functools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -50,6 +51,7 @@ ALIKE = 0.3  # relative, of deviations: those in the file allow for few experime
 WELL_KNOWN = 0.3  # deviation of a logarithm, up to which what it moves hardly changes its shape
 DIFFERENCE = 1e-3  # of a parameter, for difference quotients
 LONGEST_DIFFERENCE = 0.1  # deviations, for those known very well
+REMEMBERED = 64  # coordinates whose factors are: those of one set's differences
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,8 +136,11 @@ class NominalPrior:
         far = THRESHOLDS.prior_deviations
         sizes = np.abs(self.root).max(axis=0)
 
+        # A set's differences move the effects' parameters, and these numbers seldom.
+        factors = functools.lru_cache(REMEMBERED)(lambda given: self.factors(np.array(given)))
+
         def changed(values: Mapping[str, float], **given: float) -> dict[str, float]:
-            found = self.factors(np.array(list(given.values())))
+            found = factors(tuple(given.values()))
             return {**values, **{n: values[n] * f for n, f in found.items()}}
 
         effect = Effect(

@@ -10,8 +10,11 @@ import numpy as np
 
 from ldt_core.base.arrays import Array
 from ldt_core.base.experiment import Experiment
-from ldt_core.physics.base import Physics
+from ldt_core.physics.base import CURRENT, NOT_TRACKED, SPEED, Physics
 from ldt_core.physics.effect import Effect
+from ldt_core.physics.integrate import propagate
+from ldt_core.physics.motor import MOTOR
+from ldt_core.physics.parameter import Values
 
 Used = tuple[Effect, Mapping[str, float]]
 Use = Sequence[Used]
@@ -74,6 +77,28 @@ class PreparedExperiment:
     columns: Array
 
 
+def motor_columns(
+    values: Values, e: Experiment, unknown: Sequence[int], noise: tuple[float, float]
+) -> Array:
+    """(rows, s) change of an experiment's residuals per unknown first speed and current.
+
+    Args:
+        values: of the motor.
+        unknown: places of those states.
+        noise: deviations of speed [rad/s] and current [A].
+    """
+    columns = np.zeros((len(e) * (1 if e.current is None else 2), len(unknown)))
+    ad, bd = MOTOR.discretised(values, e.period)
+    for column, state in zip(columns.T, unknown, strict=True):
+        first = np.zeros(3)
+        first[state] = 1.0
+        moved = propagate(ad, bd, np.zeros(len(e)), first, *NOT_TRACKED)
+        column[: len(e)] = moved[:, SPEED] / noise[0]
+        if e.current is not None:
+            column[len(e) :] = moved[:, CURRENT] / noise[1]
+    return columns
+
+
 class SimulatedExperiments(Protocol):
     """What the estimation of start states needs of `FreeRunResiduals`."""
 
@@ -85,6 +110,9 @@ class SimulatedExperiments(Protocol):
 
     def changed(self, use: Use) -> Mapping[str, float] | None:
         """The machine's parameters with these effects; None where they are impossible."""
+
+    def may_turn(self, use: Use) -> bool:
+        """Whether anything may depend on the shaft's angle: the machine, or what an effect does."""
 
     def differences(self, runs: Sequence[Simulated], step: float) -> Iterator[Array]:
         """(rows,) measured minus simulated of each, in noise deviations."""

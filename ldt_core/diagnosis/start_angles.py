@@ -29,7 +29,7 @@ FLAT = 1e-8  # squared slope of residuals that an angle does not move
 
 def turns(residuals: SimulatedExperiments, use: Use) -> bool:
     """Whether the start angle makes a difference with these effects."""
-    if not use or not residuals.pieces:
+    if not use or not residuals.pieces or not residuals.may_turn(use):
         return False
     asked = [Simulated(0, use, angle) for angle in (0.0, 1.0)]
     one, other = residuals.differences(asked, SEARCH_STEP)

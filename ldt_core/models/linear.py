@@ -14,6 +14,7 @@ from ldt_core.estimation.linear import StateSpace, identify
 from ldt_core.estimation.linear.alternatives import squared_distances
 from ldt_core.estimation.linear.identification import MOST_ORDER
 from ldt_core.estimation.linear.state_space import StartRule, discretise
+from ldt_core.estimation.start_at_rest import first_current
 from ldt_core.machine.machine_file import Machine
 from ldt_core.models.base import Model
 
@@ -84,8 +85,9 @@ class LinearModel(Model):
         """Free run over the voltage from the first speed.
 
         Untrained it starts in the steady state that has this speed, and from the measured first
-        current where there is one; trained by a rule learned too (`estimation.linear.state_space`).
-        `speed_std` is None when untrained, else what residuals, parameters and start may be off.
+        current where that is more than noise; trained by a rule learned too
+        (`estimation.linear.state_space`). `speed_std` is None when untrained, else what residuals,
+        parameters and start may be off.
         """
         first, period = float(experiment.speed[0]), experiment.period
         if self.learned is not None:
@@ -93,8 +95,9 @@ class LinearModel(Model):
         else:
             std = None
             start = self.state_space.equilibrium(first, float(experiment.voltage[0]))
-            if experiment.current is not None and "current" in self.states:
-                start[self.states.index("current")] = experiment.current[0]
+            current = first_current(experiment)
+            if current is not None and "current" in self.states:
+                start[self.states.index("current")] = current
             speed = self.state_space.simulate(experiment.voltage, period, start)
         about = (experiment.number, experiment.start, period, self.version)
         return Prediction(*about, speed, std)

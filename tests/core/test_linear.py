@@ -62,6 +62,16 @@ def test_untrained_it_predicts_as_the_physics(name, current):
     assert ours.model_version == 0
 
 
+def test_noise_of_the_first_current_is_no_current_of_a_machine_at_rest():
+    """A winding of 0.4 s would keep it for as long."""
+    slow = load_machine("dc_motor").with_parameters(J=0.017, K_t=0.39, R=1.36, L=0.57, b=0.01)
+    noise = 0.05 * np.random.default_rng(1).standard_normal(400)
+    about = (1, 0.0, 0.01, np.full(400, 6.0), np.zeros(400))
+    with_noise = LinearModel(slow).predict(Experiment(*about, current=noise))
+    without = LinearModel(slow).predict(Experiment(*about))
+    assert np.array_equal(with_noise.speed, without.speed)
+
+
 def test_eccentric_rotor_is_taken_without_its_eccentricity():
     """A machine file with e > 0 is not linear: the linear model begins as the motor alone."""
     rotor = load_machine("rotor")
