@@ -100,6 +100,8 @@ def calibrate(
             raise ExperimentError(
                 f"experiment {e.number}", f"{FEWEST_SAMPLES} samples or more", len(e)
             )
+    if not any(e.speed.any() for e in experiments):
+        raise LdtError("nothing to calibrate: the speed is 0 rad/s throughout; check the sensor")
     if words := wrong_current(machine, experiments):
         expected = "the motor's (check its unit and sign, and R in the machine file)"
         raise ExperimentError("the recording, current", expected, words)

@@ -196,7 +196,7 @@ def test_what_rounding_leaves_is_no_change_of_the_machine():
     ("name", "words"),
     [
         ("backwards", "ran to 1000 times"),
-        ("at rest", "ran to 1000 times|the fit leaves"),  # its search ends at that, or just before
+        ("at rest", "speed is 0 rad/s throughout"),
         ("no voltage", "the fit leaves"),
         ("turned in time", "ran to 1000 times"),
         ("turned round at last", "ran to 1000 times"),
