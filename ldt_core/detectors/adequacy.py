@@ -14,7 +14,7 @@ from ldt_core.base.experiment import Experiment, Level, Samples, Signal
 from ldt_core.detectors.base import Detector, declared
 from ldt_core.detectors.excited_range import Hull, hull, inside, is_hull, joined, samples_within
 from ldt_core.estimation.misfit import MOST_LOG, STRETCH, Misfit, Setting, misfit, setting
-from ldt_core.estimation.noise import sensor_step
+from ldt_core.estimation.noise import UsualNoise, sensor_step
 
 #: Exponents of the bets on ranks (Vovk, Gammerman, Shafer, "Algorithmic Learning in a Random
 #: World", 2022, section 8): small ones win by rare ranks, large ones by slightly low ones.
@@ -27,6 +27,7 @@ REMEMBERED = 500
 NEWS = 1.5
 #: Part of the largest speed that no sensor resolves: a residual of less is rounding.
 ROUNDING = 1e-9
+LEAST_NOISE = 1e-100  # rad/s: its logarithm is a number
 #: Fewer samples than this do not show how rough they are.
 LEAST_SAMPLES = 20
 #: Samples that tell the parameters of a machine and a cause apart: ten for each of some ten (F. E.
@@ -40,7 +41,8 @@ class Adequacy(Detector):
 
     Two questions are judged apart. *Does the model explain this experiment?* Neighbouring samples
     of what noise leaves agree in sign as often as not, and so does each with the voltage's last
-    steps; its largest samples lie anywhere (`estimation.misfit`). Samples of which the model claims
+    steps; its largest samples lie anywhere; and it is hardly louder than in the experiments before
+    (`estimation.misfit`). Samples of which the model claims
     to know less count less. *Has the machine changed?* is asked where it does not: against the
     experiments since learning was first tried and did not help.
 
@@ -133,6 +135,10 @@ class Adequacy(Detector):
         self.length = 0
         #: The sensor's step, as the last experiment that moved enough showed it [rad/s].
         self.step = 0.0
+        #: Of the experiments that the model in force has explained, a `UsualNoise`.
+        self.noises: list[float] = list(UsualNoise())
+        #: Deviation of the last one's noise [rad/s], no less than a sensor resolves.
+        self.noise = 0.0
         self._voltage: Samples | None = None
         self._speed: Samples | None = None
         self._clear()
@@ -185,10 +191,13 @@ class Adequacy(Detector):
         if speed is not None and speed.size != residual.size:
             speed = None
         predicted = None if speed is None else speed - residual
-        if speed is not None and np.abs(residual).max() <= ROUNDING * np.abs(speed).max():
+        largest = float(np.abs(residual if speed is None else speed).max())
+        if speed is not None and np.abs(residual).max() <= ROUNDING * largest:
             residual = np.zeros_like(residual)
         self.step = self.step if speed is None else sensor_step([speed]) or self.step
-        self._under = setting(voltage, speed, self.step, predicted)
+        most = max(UsualNoise(*self.noises).most, ROUNDING * largest)
+        self._under = setting(voltage, speed, self.step, predicted, most)
+        self.noise = max(ROUNDING * largest, LEAST_NOISE)
         level = self._judged(residual, deviation, voltage)
         self._saw(hull(voltage))
         return level
@@ -206,7 +215,7 @@ class Adequacy(Detector):
             return False
         self.signal, self.model_state, self.adequacy = signal.level, signal.state, signal.adequacy
         self.unexplained, self.misfit = told["unexplained"], told["misfit"]
-        self.change = told["change"]
+        self.change, self.noise = told["change"], told["noise"]
         self.length = len(experiment)
         self.step = sensor_step([experiment.speed]) or self.step
         self._saw(last)
@@ -242,6 +251,7 @@ class Adequacy(Detector):
         self.last = last
         self.seen = joined(self.seen, last) if self.seen else last
         if self.model_state == "holds":
+            self.noises = list(UsualNoise(*self.noises).with_one(self.noise))
             self.explained = joined(self.explained, last) if self.explained else last
 
     def _judged(self, residual: Samples, deviation: Samples | None, voltage: Samples) -> Level:
@@ -250,7 +260,7 @@ class Adequacy(Detector):
             return Level.NEGATIVE
         plain = misfit(residual, None, self._under)
         found = plain if deviation is None else misfit(residual, deviation, self._under)
-        self.adequacy = plain.ratio
+        self.adequacy, self.noise = plain.ratio, max(plain.noise, self.noise)
         self.unexplained = min(plain.evidence * max(self.unexplained, 1.0), math.exp(MOST_LOG))
         self.misfit = min(found.evidence * max(self.misfit, 1.0), math.exp(MOST_LOG))
         if self.trials > 0 and (found.excess > 0 or not found.explained):
@@ -332,12 +342,13 @@ class Adequacy(Detector):
 
     @property
     def statistics(self) -> dict[str, float]:
-        """The e-detectors and their limit."""
+        """The e-detectors and their limit, and the deviation of the noise [rad/s]."""
         return {
             "unexplained": self.unexplained,
             "misfit": self.misfit,
             "change": self.change,
             "drift_limit": self.false_alarm_every,
+            "noise": self.noise,
         }
 
 

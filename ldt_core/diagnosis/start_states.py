@@ -8,7 +8,7 @@ still unknown of them is projected out of the residuals.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +17,7 @@ from ldt_core.base.arrays import Array
 from ldt_core.diagnosis.nominal_prior import MOTOR
 from ldt_core.diagnosis.simulated_experiments import (
     DIFFERENCE_OF_START,
+    NO_OFFSET,
     Simulated,
     SimulatedExperiments,
     StartStates,
@@ -37,6 +38,7 @@ STATES_AT_ONCE = 8  # starts of the effects' states that are tried: as many as a
 STATES_FOLLOWED = 3  # of these, from which steps are made until two end alike
 MOST_KEPT = 0.9  # of a state in an experiment: of what is kept longer, the experiment shows little
 TINY = 1e-300
+TURNED = (0.0, DIFFERENCE_OF_START)  # rad, for the slope by a start angle
 FOUNDATION_SCALE = 0.01  # of `DIFFERENCE_OF_START`: a foundation moves by millimetres
 
 
@@ -95,9 +97,10 @@ def searched_start_states(
         near: starts beside whose angles these are sought.
         still: the effects' states are sought in machines at rest as well.
     """
+    search, pieces = _StartSearch(residuals, use, step), residuals.pieces
     angles, bases = residuals.starts.angles.copy(), list(residuals.starts.bases)
     offsets = list(residuals.starts.offsets)
-    n, states = len(residuals.physics.states), states_of(use)
+    n, states = search.machine, search.own
     # The states of a foundation in motion and of the effects, each with its difference step. Beside
     # the latter, the speed is no longer linear in the first speed and current.
     unknown = (
@@ -108,23 +111,18 @@ def searched_start_states(
     if turning:
         unknown[ANGLE] = DIFFERENCE_OF_START
 
-    pieces = residuals.pieces
     if turning:
         sought = [i for i, piece in enumerate(pieces) if free or not piece.at_rest]
         angles[sought] = best_angles(residuals, sought, use, step, near)
     if turning and free:
         # Else a fit could move the effects only as far as these angles let it.
         stood = [i for i, piece in enumerate(pieces) if piece.at_rest or not unknown]
-        turned = [
-            Simulated(i, use, float(angles[i]) + by)
-            for i in stood
-            for by in (0.0, DIFFERENCE_OF_START)
-        ]
-        found = residuals.differences(turned, step)
+        turned = [(i, float(angles[i]) + by, NO_OFFSET) for i in stood for by in TURNED]
+        found = search.rests(turned)
         for i, now, moved in zip(stood, found, found, strict=False):
             bases[i] = basis_of(np.column_stack([pieces[i].columns, moved - now]))
     begin = [i for i, piece in enumerate(pieces) if unknown and (still or not piece.at_rest)]
-    reached = _attained(residuals, begin, use, angles, step) if states else []
+    reached = search.attained(begin, angles) if states else []
     for at, i in enumerate(begin):
         own = {k: by for k, by in unknown.items() if k in (ANGLE, *range(n, n + states))}
         steps = own if pieces[i].at_rest else unknown
@@ -135,13 +133,13 @@ def searched_start_states(
             followed = STATES_FOLLOWED if near is None else 1
             begun = [(float(angles[i]), o) for o in reached[at].offsets[:followed]]
         if moving and turning and near is None:
-            begun += [(t, rest) for t in _projected_angles(residuals, i, use, step, rest, unknown)]
+            begun += [(t, rest) for t in search.projected_angles(i, rest, unknown)]
         if near is not None and near.offsets[i].size == n + states:
             begun.append((float(near.angles[i]), near.offsets[i]))
         rounds = FOUNDATION_STEPS if moving else STATE_STEPS if states else 1
         tried: list[tuple[float, Array, Array]] = []
         for start in begun:
-            tried.append(_start_of(residuals, i, use, step, *start, steps, rounds, reach))
+            tried.append(search.descended(i, *start, steps, rounds, reach))
             least, *further = sorted(left for left, *_ in tried)
             if further and least > LEAST_DECREASE * further[0]:
                 break
@@ -162,51 +160,132 @@ class _Attained(NamedTuple):
     reach: Array
 
 
-def _attained(
-    residuals: SimulatedExperiments, places: Sequence[int], use: Use, angles: Array, step: float
-) -> list[_Attained]:
-    """Of each of these experiments, what the effects' states come to.
+class _StartSearch:
+    """Free runs of one set of effects from start states that are sought.
 
-    Where a far end lies within its play moves the speed by no slope that leads there. Beyond what
-    they come to, a winding that hardly warms would begin as hot as any resistance asks for. What
-    they come to is told by the experiment done twice: what is gained the second time is taken to
-    go on shrinking as it did (Aitken's extrapolation).
+    Args:
+        step: longest integration step [s].
     """
-    n, states = len(residuals.physics.states), states_of(use)
-    usual = np.zeros(n + states)
 
-    def runs(own: Sequence[Array]) -> list[Simulated]:
-        begun = [np.append(usual[:n], last) for last in own]
-        return [Simulated(i, use, float(angles[i]), o) for i, o in zip(places, begun, strict=True)]
+    def __init__(self, residuals: SimulatedExperiments, use: Use, step: float) -> None:
+        self.residuals, self.use, self.step = residuals, use, step
+        #: Number of the machine's states, and of the effects'.
+        self.machine, self.own = len(residuals.physics.states), states_of(use)
 
-    once = residuals.own_states(runs([usual[n:]] * len(places)), step)
-    twice = residuals.own_states(runs([rows[-1] for rows in once]), step)
-    reached = []
-    for one, two in zip(once, twice, strict=True):
-        first, second = one[-1], two[-1]
-        kept = np.clip((second - first) / np.where(first == 0, np.inf, first), 0.0, MOST_KEPT)
-        reached.append(np.vstack([one, two, first + (second - first) / (1 - kept)]))
-    tried = np.zeros((len(places), STATES_AT_ONCE, n + states))
-    for offsets, rows in zip(tried, reached, strict=True):
-        offsets[1:, n:] = _far_apart(rows, STATES_AT_ONCE - 1)
-    asked = [
-        Simulated(i, use, float(angles[i]), offset)
-        for i, offsets in zip(places, tried, strict=True)
-        for offset in offsets
-    ]
-    motors = {i: basis_of(residuals.pieces[i].columns) for i in places}
-    left = [
-        _loss_beside(motors[run.place], rest)
-        for run, rest in zip(asked, residuals.differences(asked, step), strict=True)
-    ]
-    found = []
-    for offsets, losses, rows in zip(
-        tried, np.reshape(left, tried.shape[:2]), reached, strict=True
-    ):
-        best = np.argsort(losses, kind="stable")
-        reach = np.array([np.minimum(rows.min(axis=0), 0.0), np.maximum(rows.max(axis=0), 0.0)])
-        found.append(_Attained(offsets[best], reach))
-    return found
+    def rests(self, starts: Sequence[tuple[int, float, Array]]) -> Iterator[Array]:
+        """(rows,) residuals of each experiment from an angle [rad] and an offset."""
+        return self.residuals.differences(self._runs(starts), self.step)
+
+    def _runs(self, starts: Sequence[tuple[int, float, Array]]) -> list[Simulated]:
+        return [Simulated(i, self.use, angle, offset) for i, angle, offset in starts]
+
+    def attained(self, places: Sequence[int], angles: Array) -> list[_Attained]:
+        """Of each of these experiments, what the effects' states come to.
+
+        Where a far end lies within its play moves the speed by no slope that leads there. Beyond
+        what they come to, a winding that hardly warms would begin as hot as any resistance asks
+        for. What they come to is told by the experiment done twice: what is gained the second time
+        is taken to go on shrinking as it did (Aitken's extrapolation).
+        """
+        n, pieces = self.machine, self.residuals.pieces
+        usual = np.zeros(n + self.own)
+
+        def ends(own: Sequence[Array]) -> list[Array]:
+            begun = [
+                (i, float(angles[i]), np.append(usual[:n], o))
+                for i, o in zip(places, own, strict=True)
+            ]
+            return self.residuals.own_states(self._runs(begun), self.step)
+
+        once = ends([usual[n:]] * len(places))
+        twice = ends([rows[-1] for rows in once])
+        reached = []
+        for one, two in zip(once, twice, strict=True):
+            first, second = one[-1], two[-1]
+            kept = np.clip((second - first) / np.where(first == 0, np.inf, first), 0.0, MOST_KEPT)
+            reached.append(np.vstack([one, two, first + (second - first) / (1 - kept)]))
+        tried = np.zeros((len(places), STATES_AT_ONCE, n + self.own))
+        for offsets, rows in zip(tried, reached, strict=True):
+            offsets[1:, n:] = _far_apart(rows, STATES_AT_ONCE - 1)
+        asked = [
+            (i, float(angles[i]), offset)
+            for i, offsets in zip(places, tried, strict=True)
+            for offset in offsets
+        ]
+        motors = {i: basis_of(pieces[i].columns) for i in places}
+        left = [
+            _loss_beside(motors[i], rest)
+            for (i, _, _), rest in zip(asked, self.rests(asked), strict=True)
+        ]
+        found = []
+        for offsets, losses, rows in zip(
+            tried, np.reshape(left, tried.shape[:2]), reached, strict=True
+        ):
+            best = np.argsort(losses, kind="stable")
+            reach = np.array([np.minimum(rows.min(axis=0), 0.0), np.maximum(rows.max(axis=0), 0.0)])
+            found.append(_Attained(offsets[best], reach))
+        return found
+
+    def projected_angles(self, i: int, offset: Array, unknown: Mapping[int, float]) -> list[float]:
+        """Angles at which least is left once the other start states have followed, best first.
+
+        The motion of a foundation hides the angle from a shaft that is simulated without it.
+        """
+        columns = self.residuals.pieces[i].columns
+        tried = [k * 2 * math.pi / ANGLES_TRIED for k in range(ANGLES_TRIED)]
+        offsets = _about(offset, {k: by for k, by in unknown.items() if k != ANGLE})
+        found, left = list(self.rests([(i, a, begun) for a in tried for begun in offsets])), []
+        for k in range(0, len(found), len(offsets)):
+            rest, *there = found[k : k + len(offsets)]
+            moved = basis_of(np.column_stack([columns, *(m - rest for m in there)]))
+            left.append(float(np.sum(project_out(rest, moved) ** 2)))
+        return [tried[k] for k in np.argsort(left)[:ANGLES_FOLLOWED]]
+
+    def descended(
+        self,
+        i: int,
+        angle: float,
+        offset: Array,
+        unknown: Mapping[int, float],
+        rounds: int,
+        reach: Array,
+    ) -> tuple[float, Array, Array]:
+        """(loss, offset of the start states, directions in which they move the residuals).
+
+        Marquardt steps from an offset, of several dampings at once, as long as the best one helps;
+        the first speed and current are left to the directions where they are linear.
+
+        Args:
+            unknown: places of the states that are sought, each with its difference step.
+            reach: (2, states) least and largest offsets.
+        """
+        columns = self.residuals.pieces[i].columns
+        linear = columns[:, :0] if SPEED in unknown else columns
+        motor, kept = basis_of(linear), offset
+        (rest,) = self.rests([(i, angle, kept)])
+        loss = _loss_beside(motor, rest)
+        for last in (False,) * (rounds - 1) + (True,):
+            there = list(self.rests([(i, angle, begun) for begun in _about(kept, unknown)[1:]]))
+            both = np.column_stack([linear, *(moved - rest for moved in there)])
+            half = (reach[1] - reach[0])[list(unknown)] / 2 / list(unknown.values())
+            basis = directions(both, np.append(np.full(linear.shape[1], np.inf), half))
+            left = float(np.sum(project_out(rest, basis) ** 2))
+            if last or left > loss * LEAST_DECREASE:
+                break
+            normal, slope = both.T @ both, both.T @ rest
+            tried = []
+            for damping in DAMPINGS:
+                by = damped_step(normal, slope, damping, np.full(len(slope), np.inf))
+                moved = kept.copy()
+                moved[list(unknown)] += by[linear.shape[1] :] * list(unknown.values())
+                tried.append(np.clip(moved, *reach))
+            rests = list(self.rests([(i, angle, begun) for begun in tried]))
+            losses = [_loss_beside(motor, r) for r in rests]
+            best = int(np.argmin(losses))
+            if not losses[best] < loss * LEAST_DECREASE:
+                break
+            kept, rest, loss = tried[best], rests[best], losses[best]
+        return left, kept, basis
 
 
 def _far_apart(rows: Array, count: int) -> Array:
@@ -225,77 +304,6 @@ def _about(offset: Array, steps: Mapping[int, float]) -> list[Array]:
     for moved, (state, by) in zip(found[1:], steps.items(), strict=True):
         moved[state] += by
     return found
-
-
-def _projected_angles(
-    residuals: SimulatedExperiments,
-    i: int,
-    use: Use,
-    step: float,
-    offset: Array,
-    unknown: Mapping[int, float],
-) -> list[float]:
-    """Angles at which least is left once the other start states have followed, the best first.
-
-    The motion of a foundation hides the angle from a shaft that is simulated without it.
-    """
-    piece = residuals.pieces[i]
-    tried = [k * 2 * math.pi / ANGLES_TRIED for k in range(ANGLES_TRIED)]
-    offsets = _about(offset, {k: by for k, by in unknown.items() if k != ANGLE})
-    asked = [Simulated(i, use, angle, begun) for angle in tried for begun in offsets]
-    found, left = list(residuals.differences(asked, step)), []
-    for k in range(0, len(found), len(offsets)):
-        rest, *there = found[k : k + len(offsets)]
-        directions = basis_of(np.column_stack([piece.columns, *(m - rest for m in there)]))
-        left.append(float(np.sum(project_out(rest, directions) ** 2)))
-    return [tried[k] for k in np.argsort(left)[:ANGLES_FOLLOWED]]
-
-
-def _start_of(
-    residuals: SimulatedExperiments,
-    i: int,
-    use: Use,
-    step: float,
-    angle: float,
-    offset: Array,
-    unknown: Mapping[int, float],
-    rounds: int,
-    reach: Array,
-) -> tuple[float, Array, Array]:
-    """(loss, offset of the start states, directions in which they move the residuals).
-
-    Marquardt steps from an offset, of several dampings at once, as long as the best one helps; the
-    first speed and current are left to the directions where they are linear.
-    """
-    columns = residuals.pieces[i].columns
-    linear = columns[:, :0] if SPEED in unknown else columns
-    motor, kept = basis_of(linear), offset
-    (rest,) = residuals.differences([Simulated(i, use, angle, kept)], step)
-    loss = _loss_beside(motor, rest)
-    for last in (False,) * (rounds - 1) + (True,):
-        near = [Simulated(i, use, angle, begun) for begun in _about(kept, unknown)[1:]]
-        there = list(residuals.differences(near, step))
-        both = np.column_stack([linear, *(moved - rest for moved in there)])
-        half = (reach[1] - reach[0])[list(unknown)] / 2 / list(unknown.values())
-        basis = directions(both, np.append(np.full(linear.shape[1], np.inf), half))
-        left = float(np.sum(project_out(rest, basis) ** 2))
-        if last or left > loss * LEAST_DECREASE:
-            break
-        normal, slope = both.T @ both, both.T @ rest
-        tried = []
-        for damping in DAMPINGS:
-            by = damped_step(normal, slope, damping, np.full(len(slope), np.inf))
-            moved = kept.copy()
-            moved[list(unknown)] += by[linear.shape[1] :] * list(unknown.values())
-            tried.append(np.clip(moved, *reach))
-        asked = [Simulated(i, use, angle, begun) for begun in tried]
-        rests = list(residuals.differences(asked, step))
-        losses = [_loss_beside(motor, r) for r in rests]
-        best = int(np.argmin(losses))
-        if not losses[best] < loss * LEAST_DECREASE:
-            break
-        kept, rest, loss = tried[best], rests[best], losses[best]
-    return left, kept, basis
 
 
 def _loss_beside(basis: Array, rest: Array) -> float:

@@ -6,12 +6,9 @@ import math
 from collections.abc import Mapping, Sequence
 
 from ldt_core.base.experiment import Experiment
-from ldt_core.estimation.noise import white_noise
+from ldt_core.estimation.noise import ROUGHER, white_noise
 from ldt_core.machine.machine_file import Machine
 from ldt_core.machine.sensor_check import doubt
-
-#: Times the noise that a file knows: a healthy sensor's does not grow so.
-ROUGHER = 3.0
 
 
 def speed_doubt(machine: Machine, experiment: Experiment, recent: Sequence[Experiment] = ()) -> str:

@@ -18,7 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldt_core.base.arrays import Array
-from ldt_core.estimation.noise import NORMAL_MEDIAN, noise_beside_steps, roughness, sensor_step
+from ldt_core.estimation.noise import (
+    NORMAL_MEDIAN,
+    ROUGHER,
+    noise_beside_steps,
+    roughness,
+    sensor_step,
+)
 from ldt_core.estimation.noise import ROUNDING as ROUNDED
 
 #: Variance that a model may leave beyond the noise, as a part of the noise's, and still explain an
@@ -81,7 +87,9 @@ class Misfit:
         error: variance of what lasts for more than a sample, as a part of the noise's.
         chance: standard deviation of that under noise of one size, whatever its law.
         far: whether neighbours lie together beyond `FAR` deviations of the noise, or most samples
-            behind the voltage's large steps do, or far samples closer together than by chance.
+            behind the voltage's large steps do, or far samples closer together than by chance, or
+            all is louder than noise may be.
+        noise: its deviation, in the unit of the residual.
     """
 
     evidence: float
@@ -91,6 +99,7 @@ class Misfit:
     error: float
     chance: float
     far: bool
+    noise: float
 
     @property
     def explained(self) -> bool:
@@ -128,17 +137,19 @@ class Setting:
             larger.
         start: (L,) what is left of an error in the first sample, as a part of it; 0 where a
             prediction does not begin there.
+        most: deviation that noise may have [rad/s]; what is rougher is no noise.
     """
 
     moves: Array
     slack: Array
     start: Array
     quiet: float = 0.0
+    most: float = math.inf
 
     def part(self, which: NDArray[np.bool_] | slice, unit: float = 1.0) -> Setting:
         """That of some samples, in a unit of the speed [rad/s]."""
-        slack, quiet = self.slack[which] / unit, self.quiet / unit
-        return Setting(self.moves[which], slack, self.start[which], quiet)
+        slack, quiet, most = self.slack[which] / unit, self.quiet / unit, self.most / unit
+        return Setting(self.moves[which], slack, self.start[which], quiet, most)
 
 
 def setting(
@@ -146,6 +157,7 @@ def setting(
     speed: Array | None = None,
     step: float = 0.0,
     predicted: Array | None = None,
+    most: float = math.inf,
 ) -> Setting:
     """What the samples of an experiment were measured under.
 
@@ -158,6 +170,7 @@ def setting(
         speed: (L,) as measured [rad/s]; None where it is not known.
         step: of the sensor [rad/s], where this speed shows none; 0 where it is not known.
         predicted: (L,) [rad/s] from the first measured sample on; None where that is not known.
+        most: as of `Setting`.
     """
     before = np.concatenate([np.zeros(3), voltage])[:-1]
     before[:3] = voltage[0]
@@ -172,7 +185,7 @@ def setting(
         slack[1:][again] = step / 2
         slack[:-1][again] = step / 2
     start = np.zeros(voltage.size) if predicted is None else _left_of_start(voltage, predicted)
-    return Setting(moves, slack, start, quiet)
+    return Setting(moves, slack, start, quiet, most)
 
 
 def _left_of_start(voltage: Array, predicted: Array) -> Array:
@@ -244,6 +257,8 @@ def misfit(residual: Array, deviation: Array | None = None, under: Setting | Non
 
     It is multiplied by the e-value of how close together the samples far out lie. That has a mean
     of 1 where the sizes come in any order equally likely; as all the rest has, given that order.
+    What is rougher than noise may be tells by itself: a swing near half the sample rate looks like
+    noise in all else.
 
     Args:
         residual: (L,) measured minus predicted, L >= 2.
@@ -253,7 +268,10 @@ def misfit(residual: Array, deviation: Array | None = None, under: Setting | Non
     if under is not None:
         residual = _without_start(residual, under.start)
     floor = ROUNDING * float(np.abs(residual).max())
-    noise = max(noise_in(residual, under) ** 2, floor**2, LEAST_SQUARE)
+    rough = noise_in(residual, under)
+    loud = under is not None and rough > max(under.most, floor)
+    usual = under.most / ROUGHER if under is not None and loud else rough
+    noise = max(usual**2, floor**2, LEAST_SQUARE)
     scaled = residual / math.sqrt(noise)
     square = np.square(scaled)
     told = scaled
@@ -281,13 +299,14 @@ def misfit(residual: Array, deviation: Array | None = None, under: Setting | Non
     # What comes in blows is no noise, rough as it is: the sensor's is.
     own = min(quiet or 1.0, 1.0) if blows > EXPLAINED else 1.0
     return Misfit(
-        min(evidence * blows, math.exp(MOST_LOG)),
+        math.exp(MOST_LOG) if loud else min(evidence * blows, math.exp(MOST_LOG)),
         excess,
         math.sqrt(float(np.mean(square))) / own,
         math.sqrt(float(np.mean(relative))) / own,
         float(np.mean(products)),
         chance,
-        far or blows > EXPLAINED,
+        far or loud or blows > EXPLAINED,
+        math.sqrt(noise),
     )
 
 

@@ -338,20 +338,20 @@ class GreyBoxModel(Model):
     def change(self, before: Model) -> str:
         """ "unbalance has grown to 6.1 mm"."""
         old = before.given if isinstance(before, GreyBoxModel) else {}
-        said = []
+        said, alike = [], self.parameters["alike"]
         for effect in self.effects:
             was = old.get(effect.name, effect.neutral)
             if not reads_the_same(effect, was, self.given[effect.name]):
                 said.append(change_of(effect, was, self.given[effect.name]))
+                if alike and effect is self.effects[-1]:
+                    others = listed([spoken(n) for n in alike], "or")
+                    said[-1] += f" (or {others}: not told apart)"
         of_file = [effect.name for effect, _ in self.machine.effects]
         said += [
             f"{spoken(name)} is the file's again" if name in of_file else f"{spoken(name)} has gone"
             for name in old
-            if name not in self.given
+            if name not in self.given and name not in alike
         ]
-        if said and self.parameters["alike"]:
-            others = listed([spoken(n) for n in self.parameters["alike"]], "or")
-            said[-1] += f" (or {others}: not told apart)"
         return "; ".join(said)
 
 

@@ -60,7 +60,7 @@ class ContestAdaptor(KnownVersions):
     known version explains an experiment, that one comes into force which will err least in what may
     follow. Over ten experiments the largest errors of what learns may sum to 1.1 times the
     original's; beyond, the original comes into force again, until what would be in force has caught
-    up.
+    up, or something new has learned that errs less over the last ones (`_leads`).
 
     Args:
         model: to begin with, of kind grey_box.
@@ -118,6 +118,8 @@ class ContestAdaptor(KnownVersions):
             about = self.model, self.learned_from, [experiment]
             with one_thread():
                 found = finished(self.candidates.told_apart(*about))
+        if found is not None and not self._leads(found[0], experiment):
+            found = None
         if found is None and (long or beaten):
             where = self.watch.why if long else "errs less in this new range"
             found, details[ORIGINAL] = (self.original, f"is the original again, which {where}"), 1.0
@@ -179,6 +181,9 @@ class ContestAdaptor(KnownVersions):
         over = search.explain(self._steps)
         said = "no known cause explains it" if over else "no cause that explains it is found yet"
         if search.cause is not None:
+            if not self._leads(search.cause[0], experiment):
+                said = "a cause explains it, but the original errs less over the last experiments"
+                return Action.REFUSED, f"{said}; {stays}", {}
             if not self._fails_before(search.cause[0], experiment):
                 return self._learned_by(*search.cause, experiment, {})
             said = "the cause that explains it fails in the experiments before"
@@ -197,7 +202,8 @@ class ContestAdaptor(KnownVersions):
         beaten = (before, self.original)
         pool = newest_enough(judged, POOL)
         flexible = self.candidates.at_once(self._grey(), beaten, pool)
-        if flexible is not None and not self._fails_before(flexible, experiment):
+        may = flexible is not None and self._leads(flexible, experiment)
+        if flexible is not None and may and not self._fails_before(flexible, experiment):
             origin = f"does better in what was held back from it, {said}"
             return self._learned_by(flexible, origin, experiment, details)
         known = [m for m in self.earlier if m.version not in self.watch.withdrawn]
@@ -239,7 +245,7 @@ class ContestAdaptor(KnownVersions):
     def _reason(self, before: Model, experiment: Experiment, origin: str, sure: bool = True) -> str:
         """In words; of a version that explains nothing it is not known what has changed."""
         words = f"version {self.model.version} {origin}"
-        change = self.model.change(before) if sure else ""
+        change = self.model.change(before) if sure and explains(self.model, experiment) else ""
         return f"since experiment {experiment.number}: {change}; {words}" if change else words
 
     def unexplained(self, experiment: Experiment) -> list[Experiment]:

@@ -13,7 +13,7 @@ from ldt_core.models.grey_box import GreyBoxModel
 from ldt_core.twin.adaptor import Adaptor
 from ldt_core.twin.condition_chain import UNLEARNED, ConditionChain
 from ldt_core.twin.memory import Memory
-from ldt_core.twin.original_watch import OriginalWatch
+from ldt_core.twin.original_watch import COMPARED, OriginalWatch
 from ldt_core.twin.search_backoff import SearchBackoff
 from ldt_core.twin.stage import RecordedStep
 from ldt_core.twin.version_errors import (
@@ -115,6 +115,16 @@ class KnownVersions(Adaptor):
         if not alike(self.followed, self.model):
             own = largest_error(self.followed, experiment)
         self.watch.saw(own, largest_error(self.original, experiment))
+
+    def _leads(self, model: Model, experiment: Experiment) -> bool:
+        """Whether something new may come into force: where the original has taken the place of what
+        learned, it has to err less than that over the last experiments, too.
+        """
+        if not self.watch.withdrawn or not alike(self.model, self.original):
+            return True
+        last = [*self._recent(experiment)[1 - COMPARED :], experiment]
+        errors = [sum(largest_error(m, e) for e in last) for m in (model, self.original)]
+        return errors[0] < errors[1]
 
     def _follow(self) -> bool:
         """Note what would be in force; whether that is another version than the one that is."""
