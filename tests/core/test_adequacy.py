@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import itertools
+import json
+import math
 
 import numpy as np
 import pytest
@@ -197,6 +199,32 @@ def test_the_steps_of_a_coarse_sensor_are_no_misfit(noise):
         detector.measured(speed)
         detector.update(speed - true + error)
         assert detector.model_state == ("changed" if error else "holds")
+
+
+@pytest.mark.parametrize(("size", "holds"), [(1.0, True), (2.0, True), (6.0, False), (40.0, False)])
+def test_a_swing_near_half_the_sample_rate_is_told_by_its_size(size, holds):
+    """Its neighbours have opposite signs, as if it were rough noise; at 45 of 100 Hz here."""
+    random, detector = np.random.default_rng(3), Adequacy()
+    swing = size * math.sqrt(2) * np.sin(0.9 * math.pi * np.arange(400))
+    for _ in range(8):
+        detector.update(random.normal(size=400))
+        assert detector.model_state == "holds"
+    detector.update(random.normal(size=400) + swing)
+    assert (detector.model_state, detector.drift_detected) == (
+        ("holds", False) if holds else ("changed", True)
+    )
+    assert holds or detector.adequacy == pytest.approx(math.hypot(size, 1), rel=0.3)
+    again = Adequacy()
+    again.restore(json.loads(json.dumps(detector.state())))
+    assert again.state() == detector.state()
+
+
+def test_noise_that_was_always_of_many_sizes_is_none_too_loud():
+    """Each experiment's is up to ten times another's, as it has always been."""
+    random, detector = np.random.default_rng(4), Adequacy()
+    for scale in np.exp(0.7 * random.standard_normal(300)):
+        detector.update(scale * random.normal(size=400))
+        assert detector.model_state == "holds"
 
 
 def test_noise_with_a_memory_is_tried_ever_more_rarely():

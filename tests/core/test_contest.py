@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import json
+import math
 from types import SimpleNamespace
 
 import numpy as np
@@ -189,6 +190,21 @@ def test_of_conditions_at_random_the_one_in_the_middle_is_predicted(seed):
     late = steps[20:]
     learned = sum(s.signal.max_error for s in late)
     assert learned < 0.9 * sum(s.original.max_error(s.experiment) for s in late)
+
+
+def test_what_differs_at_random_is_learned_no_more_once_that_has_cost():
+    """Of each experiment some resistance explains all, and the next one has another."""
+    random, motor, stream = np.random.default_rng(1), ldt.Machine("dc_motor"), []
+    for i in range(1, 25):
+        factor = math.exp(random.uniform(-0.3, 0.3)) if i > 5 else 1.0
+        how = [get_effect("armature_resistance").used({"factor": factor})]
+        about = {"experiments": 24, "seed": 1, "degradation": "none", "effects": how}
+        stream.append(Plant(motor, **about).experiment(i))
+    steps = list(ldt.Twin(motor).steps(stream))
+    late = steps[10:]
+    own = sum(s.signal.max_error for s in late)
+    assert own <= 1.1 * sum(s.original.max_error(s.experiment) for s in late)
+    assert sum(s.adaptation.action == "adapted" for s in late) <= 2
 
 
 def test_what_the_original_took_the_place_of_is_judged_on(tmp_path):

@@ -154,6 +154,22 @@ def test_a_record_makes_the_same_model():
 RISING = {"torque": 0.05, "presliding": 0.03, "change": -0.35, "velocity": 40.0}
 
 
+def test_what_is_not_told_apart_belongs_to_its_effect_and_has_not_gone():
+    """ "Input deadzone has grown ...; coulomb friction has gone (or coulomb friction: ...)"."""
+    plain = GreyBoxModel(DC).parameters
+    drag = {"quadratic_drag": {"c": 1e-5}}
+    before = GreyBoxModel(
+        DC, {**plain, "effects": {**drag, "coulomb_friction": {"torque": 0.01}}}, 1
+    )
+    after = {**drag, "input_deadzone": {"width": 0.3}}
+    told = {**plain, "effects": after, "alike": ["coulomb_friction"]}
+    words = GreyBoxModel(DC, told, 2).change(before)
+    assert words == "input deadzone has grown to 0.3 V (or coulomb friction: not told apart)"
+    told = {**plain, "effects": {**after, "quadratic_drag": {"c": 2e-5}}, "alike": []}
+    words = GreyBoxModel(DC, told, 2).change(before)
+    assert words.endswith("input deadzone has grown to 0.3 V; coulomb friction has gone")
+
+
 def test_a_law_that_falls_short_is_taken_in_detail():
     """Which predicts others down to the noise, and makes the same model again, to the last bit."""
     first, *others = experiments(DC, 4, [("coulomb_friction", RISING)], seed=8)
