@@ -106,6 +106,7 @@ class SimulatedExperiments(Protocol):
     values: dict[str, float]
     pieces: list[PreparedExperiment]
     starts: StartStates
+    noise: tuple[float, float]
     shaking: bool
 
     def changed(self, use: Use) -> Mapping[str, float] | None:

@@ -100,7 +100,10 @@ def _fails(
     acts in those held out is not refuted: there, a law may be off by as much as of any cause.
     """
     errors_in = [
-        [errors_of(_speeds(residuals, use)).rmse for use in ((), best.use)]
+        [
+            errors_of(_speeds(residuals, use, residuals.start_states(use))).rmse
+            for use in ((), best.use)
+        ]
         for residuals in (FreeRunResiduals(machine, fitted), FreeRunResiduals(machine, held))
     ]
     if not np.isfinite(errors_in).all():

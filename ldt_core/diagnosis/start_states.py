@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -22,12 +23,14 @@ from ldt_core.diagnosis.simulated_experiments import (
     SimulatedExperiments,
     StartStates,
     Use,
+    motor_columns,
     states_of,
 )
 from ldt_core.diagnosis.start_angles import ANGLES_TRIED, best_angles, turns
 from ldt_core.estimation.least_squares import damped_step
 from ldt_core.estimation.variable_projection import basis_of, project_out
 from ldt_core.physics.base import ANGLE, CURRENT, SPEED
+from ldt_core.physics.parameter import Values
 
 FOUNDATION_STEPS = 12  # for a foundation in motion, whose start is not linear in the speed
 STATE_STEPS = 6  # for effects' states; of several dampings at once, so that few lead to the minimum
@@ -62,6 +65,7 @@ def start_states_for(
     values = residuals.changed(use)
     if values is None:
         return residuals.starts
+    columns = _columns(residuals, values)
     shaken = any(v != residuals.values[n] for n, v in values.items() if n not in MOTOR)
     states = states_of(use)
     still = free and bool(states)
@@ -70,11 +74,32 @@ def start_states_for(
     turning = bool(use) and (residuals.shaking or turns(residuals, use))
     running = any(not p.at_rest for p in residuals.pieces)
     if not ((running and (shaken or states or turning)) or (free and turning) or still):
-        return residuals.starts
+        known = residuals.starts
+        bases = tuple(map(basis_of, columns)) if columns else known.bases
+        return replace(known, bases=bases) if columns else known
     moving = residuals.physics.shakes(values)
     return searched_start_states(
-        residuals, use, moving, turning or (shaken and moving), free, step, near, still
+        residuals, use, moving, turning or (shaken and moving), free, step, near, still, columns
     )
+
+
+def _columns(residuals: SimulatedExperiments, values: Values) -> list[Array] | None:
+    """Of each experiment (rows, s) what a first speed and current move in a machine with these
+    parameters; None where that is as without effects.
+
+    A current that nobody has measured may be far from its guess, and a winding or an inertia that
+    is another keeps it for another time.
+    """
+    pieces, own = residuals.pieces, residuals.values
+    if all(values[n] == own[n] for n in MOTOR) or not any(p.columns.size for p in pieces):
+        return None
+    motor, noise = residuals.physics.folded(values), residuals.noise
+    return [
+        motor_columns(motor, p.experiment, (SPEED, CURRENT)[-p.columns.shape[1] :], noise)
+        if p.columns.size
+        else p.columns
+        for p in pieces
+    ]
 
 
 def searched_start_states(
@@ -86,6 +111,7 @@ def searched_start_states(
     step: float,
     near: StartStates | None = None,
     still: bool = False,
+    columns: Sequence[Array] | None = None,
 ) -> StartStates:
     """The same, once it is known what is unknown.
 
@@ -96,9 +122,13 @@ def searched_start_states(
         step: longest integration step [s].
         near: starts beside whose angles these are sought.
         still: the effects' states are sought in machines at rest as well.
+        columns: of each experiment, see `PreparedExperiment`, where the effects change them.
     """
-    search, pieces = _StartSearch(residuals, use, step), residuals.pieces
+    pieces = residuals.pieces
+    search = _StartSearch(residuals, use, step, columns or [p.columns for p in pieces])
     angles, bases = residuals.starts.angles.copy(), list(residuals.starts.bases)
+    if columns is not None:
+        bases = list(map(basis_of, columns))
     offsets = list(residuals.starts.offsets)
     n, states = search.machine, search.own
     # The states of a foundation in motion and of the effects, each with its difference step. Beside
@@ -120,7 +150,7 @@ def searched_start_states(
         turned = [(i, float(angles[i]) + by, NO_OFFSET) for i in stood for by in TURNED]
         found = search.rests(turned)
         for i, now, moved in zip(stood, found, found, strict=False):
-            bases[i] = basis_of(np.column_stack([pieces[i].columns, moved - now]))
+            bases[i] = basis_of(np.column_stack([search.columns[i], moved - now]))
     begin = [i for i, piece in enumerate(pieces) if unknown and (still or not piece.at_rest)]
     reached = search.attained(begin, angles) if states else []
     for at, i in enumerate(begin):
@@ -165,10 +195,13 @@ class _StartSearch:
 
     Args:
         step: longest integration step [s].
+        columns: of each experiment (rows, s), per unknown first speed and current.
     """
 
-    def __init__(self, residuals: SimulatedExperiments, use: Use, step: float) -> None:
-        self.residuals, self.use, self.step = residuals, use, step
+    def __init__(
+        self, residuals: SimulatedExperiments, use: Use, step: float, columns: Sequence[Array]
+    ) -> None:
+        self.residuals, self.use, self.step, self.columns = residuals, use, step, columns
         #: Number of the machine's states, and of the effects'.
         self.machine, self.own = len(residuals.physics.states), states_of(use)
 
@@ -187,7 +220,7 @@ class _StartSearch:
         for. What they come to is told by the experiment done twice: what is gained the second time
         is taken to go on shrinking as it did (Aitken's extrapolation).
         """
-        n, pieces = self.machine, self.residuals.pieces
+        n = self.machine
         usual = np.zeros(n + self.own)
 
         def ends(own: Sequence[Array]) -> list[Array]:
@@ -212,7 +245,7 @@ class _StartSearch:
             for i, offsets in zip(places, tried, strict=True)
             for offset in offsets
         ]
-        motors = {i: basis_of(pieces[i].columns) for i in places}
+        motors = {i: basis_of(self.columns[i]) for i in places}
         left = [
             _loss_beside(motors[i], rest)
             for (i, _, _), rest in zip(asked, self.rests(asked), strict=True)
@@ -231,7 +264,7 @@ class _StartSearch:
 
         The motion of a foundation hides the angle from a shaft that is simulated without it.
         """
-        columns = self.residuals.pieces[i].columns
+        columns = self.columns[i]
         tried = [k * 2 * math.pi / ANGLES_TRIED for k in range(ANGLES_TRIED)]
         offsets = _about(offset, {k: by for k, by in unknown.items() if k != ANGLE})
         found, left = list(self.rests([(i, a, begun) for a in tried for begun in offsets])), []
@@ -259,7 +292,7 @@ class _StartSearch:
             unknown: places of the states that are sought, each with its difference step.
             reach: (2, states) least and largest offsets.
         """
-        columns = self.residuals.pieces[i].columns
+        columns = self.columns[i]
         linear = columns[:, :0] if SPEED in unknown else columns
         motor, kept = basis_of(linear), offset
         (rest,) = self.rests([(i, angle, kept)])
