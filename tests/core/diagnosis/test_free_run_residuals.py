@@ -252,6 +252,20 @@ def test_noise_of_the_first_current_is_no_current_of_a_machine_at_rest():
     assert all(p.columns.shape[1] == 1 for p in FreeRunResiduals(slow, kept).pieces)
 
 
+@pytest.mark.parametrize("effect", ["armature_inductance:factor=1.5", "inertia:factor=1.3"])
+def test_what_an_unknown_current_moves_is_that_of_the_changed_machine(effect):
+    """A winding of 0.23 s that runs: by the file's numbers, a right model left a gap."""
+    slow = MOTOR.with_parameters(J=0.017, K_t=0.39, R=1.36, L=0.32, b=0.01)
+    experiments = record(slow, effect, lead=431, samples=600, count=6)
+    residuals, use = FreeRunResiduals(slow, experiments, (NOISE, 1.0)), uses([effect])
+    by_the_file = residuals.of(use)
+    starts = residuals.start_states(use)
+    rest = residuals.of(use, starts=starts)
+    assert white(rest, unknown(starts))
+    assert float(by_the_file @ by_the_file) > 1.5 * residuals.size
+    assert residuals.start_states(()) is residuals.starts
+
+
 def test_rest_is_told_from_running_by_the_noise():
     """A first sample within four deviations of 0 is rest."""
     experiments = record(ROTOR) + record(ROTOR, lead=400, volts=FASTER)
