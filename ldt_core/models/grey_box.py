@@ -265,7 +265,8 @@ class GreyBoxModel(Model):
             ranked = yield from search.search(self.present, self.machine.possible_effects())
             if not ranked:
                 return []
-            rivals = [s.names[-1] for s in ranked[1:] if s.score - ranked[0].score < ALIKE]
+            near = (s.names[-1] for s in ranked[1:] if s.score - ranked[0].score < ALIKE)
+            rivals = [n for n in dict.fromkeys(near) if n not in ranked[0].names]
             return [self.adopt(ranked[0], experiments, rivals)]
         except (LdtError, np.linalg.LinAlgError, ArithmeticError):
             return []
