@@ -40,7 +40,7 @@ DAMPINGS = tuple(10.0 ** np.arange(-6.0, 2.0))  # of Marquardt steps: as many as
 STATES_AT_ONCE = 8  # starts of the effects' states that are tried: as many as are simulated at once
 STATES_FOLLOWED = 3  # of these, from which steps are made until two end alike
 MOST_KEPT = 0.9  # of a state in an experiment: of what is kept longer, the experiment shows little
-TINY = 1e-300
+TINY, LARGEST = 1e-300, 1e150  # of states, and of those whose squares are numbers
 TURNED = (0.0, DIFFERENCE_OF_START)  # rad, for the slope by a start angle
 FOUNDATION_SCALE = 0.01  # of `DIFFERENCE_OF_START`: a foundation moves by millimetres
 
@@ -323,7 +323,7 @@ class _StartSearch:
 
 def _far_apart(rows: Array, count: int) -> Array:
     """(count, n) of these rows, each the farthest from those before it and from 0."""
-    scaled = rows / np.maximum(np.std(rows, axis=0), TINY)
+    scaled = np.clip(rows / np.maximum(np.std(rows, axis=0), TINY), -LARGEST, LARGEST)
     away, found = np.sum(scaled**2, axis=1), []
     for _ in range(count):
         found.append(int(np.argmax(away)))
