@@ -73,7 +73,7 @@ def _range(
     "--effects",
     metavar="NAME,...",
     help="For a machine that is not a plain motor: gravity_imbalance (a pendulum), "
-    "coulomb_friction. `ldt calibrate` starts from the values found.",
+    "coulomb_friction. `ldt calibrate` keeps the values found, unless --free names them.",
 )
 @judged_option
 @namespace_option
