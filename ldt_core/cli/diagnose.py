@@ -208,7 +208,7 @@ def _print_each(answers: Sequence[RecordingAnswer], out: Path, as_json: bool) ->
     for a in answers:
         table.add_row(*_row(a))
     console = Console(wide=True)
-    console.print(table, soft_wrap=False)
+    console.print_folded(table)
     console.print(f"{out}: a folder for each")
 
 
@@ -237,7 +237,7 @@ def _print(found: Diagnosis, folder: Path) -> None:
         for c in found.candidates[:MAX_CANDIDATES]:
             share = "" if c.closed_fraction is None else f"{c.closed_fraction:.1%}"
             table.add_row(c.effect, share, values(c.parameters), c.rejected_because or "named")
-        console.print(table)
+        console.print_folded(table, "effect", "explains")
     if found.remainder.structured and found.remainder.depends_on:
         depends = ", ".join(found.remainder.depends_on)
         console.print(f"what is left depends on {depends}")

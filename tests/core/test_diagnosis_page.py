@@ -17,6 +17,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ldt_core.base.errors import LdtError
+from ldt_core.cli.diagnose import _print as shown_on_terminal
 from ldt_core.diagnosis.diagnosis import (
     Gap,
     GapLocation,
@@ -331,6 +332,16 @@ def test_the_next_experiment_comes_with_commands_that_take_it(diagnoses, tmp_pat
     shipped = replace(given, machine_file="rotor.yaml")
     assert "--machine rotor --out again" in Elements(written(shipped, tmp_path)).text
     assert "--voltage u --speed n --current i --sample-period 0.01 --length 20" in page
+
+
+def test_the_terminal_cuts_no_name(diagnoses, tmp_path, capsys, monkeypatch):
+    """In 80 columns, where the names of effects ended in an ellipsis."""
+    monkeypatch.setenv("COLUMNS", "80")
+    named = replace(diagnoses["ambiguous"].candidates[0], effect="armature_inductance@elbow")
+    shown_on_terminal(replace(diagnoses["ambiguous"], candidates=[named]), tmp_path)
+    out = capsys.readouterr().out
+    assert "armature_inductance@elbow" in out
+    assert "…" not in out
 
 
 def test_the_command_that_predicts_names_the_file_where_it_is(diagnoses, undrawn):
