@@ -344,6 +344,14 @@ def test_the_terminal_cuts_no_name(diagnoses, tmp_path, capsys, monkeypatch):
     assert "…" not in out
 
 
+def test_the_terminal_says_what_the_next_experiment_is(diagnoses, tmp_path, capsys):
+    """Its voltage too, not only why."""
+    shown_on_terminal(diagnoses["ambiguous"], tmp_path)
+    out = capsys.readouterr().out
+    assert "V in steps of 1 s, 2000 samples of 0.01 s (in diagnosis.json)" in out
+    assert "record voltage, speed and current" in out
+
+
 def test_the_command_that_predicts_names_the_file_where_it_is(diagnoses, undrawn):
     """Recordings are named from where the command was given; so is the diagnosis."""
     page = diagnosis_page.page(diagnoses["effect"], Path("my answers/diagnosis.json"))

@@ -10,6 +10,7 @@ import msgs_config
 from ldt_core.base.printable import as_argument
 from ldt_core.base.sentences import counted, listed, ranges, spans
 from ldt_core.diagnosis.diagnosis import Diagnosis, RankedCandidate, Refit
+from ldt_core.diagnosis.sentence import applied
 from ldt_core.views.diagnosis_page import gap_curves, ranking, time_curves
 from ldt_core.views.diagnosis_page.headline import WORDS, headline, no_effect_needed
 from ldt_core.views.diagnosis_page.number_format import (
@@ -349,7 +350,7 @@ def following(diagnosis: Diagnosis) -> Section:
             [
                 ("to record", ", ".join(then.channels)),
                 ("samples", f"{len(then.voltage)}, every {then.sample_period:g} s"),
-                ("voltage", "next_experiment.voltage in diagnosis.json"),
+                ("voltage", f"{applied(then)}; next_experiment.voltage in diagnosis.json"),
             ]
         )
     )
