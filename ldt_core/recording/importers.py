@@ -203,7 +203,7 @@ def _from_bag(
     _check_apart(given, sources.values())
     if "time" in sources and len({s.topic for s in sources.values()}) > 1:
         raise OptionError("--time", "all channels from the topic of the time", given["time"])
-    series, clocks = read_fields(storage, sources)
+    series, timed = read_fields(storage, sources)
     series = {q: s._replace(values=s.values * fields[q].factor) for q, s in series.items()}
     sizes = ", ".join(f"{s.values.size} of {sources[q].text}" for q, s in series.items())
     notes = [f"{sizes}; {_conversions(fields)}"]
@@ -211,7 +211,7 @@ def _from_bag(
         times = series.pop("time").values
         series = {q: s._replace(time=times) for q, s in series.items()}
     else:
-        notes += [f"times are {kind}" for kind in sorted({clocks[q] for q in series})]
+        notes.append(timed)
     if sources["voltage"].topic != sources["speed"].topic:
         times = np.append(series["voltage"].time, series["speed"].time[-1])
         notes.append(f"the voltage is held for up to {np.diff(times).max():.3g} s")

@@ -458,7 +458,7 @@ def test_imported_experiments_survive_the_recording(tmp_path):
     assert [e.speed.tolist() for e in back] == [e.speed.tolist() for e in imported.experiments]
 
 
-def foreign(path: Path, voltage_times=TIME, stamped: bool = True) -> Path:
+def foreign(path: Path, voltage_times=TIME, stamped: bool = True, first: bool = True) -> Path:
     """JointState (velocity of two joints) and Float64 voltage commands, by the rosbags library."""
     from rosbags.rosbag2 import StoragePlugin, Writer
 
@@ -469,7 +469,7 @@ def foreign(path: Path, voltage_times=TIME, stamped: bool = True) -> Path:
     for t, speed in zip(TIME, SPEED, strict=True):
         at = 1_000_000_000 + round(t * 1e9)
         head = header(stamp=stamp(sec=at // 10**9, nanosec=at % 10**9), frame_id="")
-        if not stamped:
+        if not (stamped and (first or t > 0)):
             head = header(stamp=stamp(sec=0, nanosec=0), frame_id="")
         state = types[joint](
             header=head,
@@ -498,6 +498,7 @@ def test_a_foreign_recording_is_imported_by_topic_field_and_index(tmp_path):
     imported = import_file(path, voltage="/drive/voltage.data", speed="/joint_states.velocity[1]")
     check_plain(imported)
     assert imported.experiments[0].start == pytest.approx(1)
+    assert any("those of the voltage reception times; a delay" in n for n in imported.notes)
     (one,) = import_file(
         next(path.glob("*.mcap")),
         voltage="/drive/voltage.data:mV",
@@ -531,7 +532,17 @@ def test_messages_without_a_stamp_are_timed_by_their_reception(tmp_path):
     path = foreign(tmp_path / "bag", stamped=False)
     imported = import_file(path, voltage="/drive/voltage.data", speed="/joint_states.velocity[1]")
     check_plain(imported)
-    assert any("reception" in note for note in imported.notes)
+    assert "times are reception times" in imported.notes
+
+
+def test_a_topic_of_which_some_messages_have_a_stamp_is_timed_by_reception(tmp_path):
+    """Stamps and receptions in one series would make a jitter that no machine has."""
+    path = foreign(tmp_path / "bag", first=False)
+    imported = import_file(path, voltage="/drive/voltage.data", speed="/joint_states.velocity[1]")
+    assert imported.experiments[0].start == pytest.approx(1.005)
+    assert (
+        "times are reception times, as not all messages of a topic have a stamp" in imported.notes
+    )
 
 
 def test_a_time_of_the_message_may_be_chosen(tmp_path):
