@@ -128,7 +128,7 @@ def command(
                 tick=tick,
             ).with_recordings(recordings)
     except LdtError as error:
-        told = any(said in str(error) for said in ("ldt docs", "--effects"))
+        told = any(said in str(error) for said in ("ldt docs", "--effects", "import again"))
         if error.exit_code != LdtError.exit_code or told:
             raise
         raise LdtError(f"{error}; {NEXT}") from None

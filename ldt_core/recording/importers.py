@@ -45,10 +45,11 @@ MOST_SAMPLES = 100_000_000  # of a stretch; more is a period in the wrong unit
 
 
 class Imported(NamedTuple):
-    """What an import made, and what it did, a sentence each."""
+    """What an import made; what it did, and which of it speaks for another unit, in sentences."""
 
     experiments: list[Experiment]
     notes: list[str]
+    doubts: Sequence[str] = ()
 
 
 def import_file(
@@ -268,7 +269,7 @@ def _cut(
             expected = f"an experiment by {cut['cut']}"
             raise RecordingError(where, expected, _listed(counts) or "none")
         notes.append(f"cut by {cut['cut']}")
-        return Imported(done, [*notes, *([_listed(counts)] if counts else [])])
+        return Imported(done, [*notes, *([_listed(counts)] if counts else [])], doubts)
     stretches = _stretches(series, found)
     if len(stretches) > 1:
         gaps = counted(len(stretches) - 1, "gap")
@@ -306,7 +307,7 @@ def _cut(
         notes.append(
             f"{counted(dropped, 'sample')} at ends of stretches dropped: too few for an experiment"
         )
-    return Imported(experiments, notes)
+    return Imported(experiments, notes, doubts)
 
 
 def _segmented(

@@ -25,6 +25,7 @@ from ldt_core.diagnosis.diagnosis import (
     ParameterAmount,
     Refit,
 )
+from ldt_core.diagnosis.recorded_units import FITS
 from ldt_core.views.diagnosis_page import diagnosis_page, diagnosis_sections
 from ldt_core.views.diagnosis_page.diagnosis_page import picture
 from ldt_core.views.diagnosis_page.headline import WORDS, headline
@@ -497,6 +498,14 @@ def test_a_gap_that_differs_between_experiments_asks_what_changed_when():
     steady = replace(found, where=[GapLocation("speed", 5, 8, "rad/s", 0.9, 0.5)])
     assert diagnosis_sections.next_step(changed, kept)[1].endswith("--out played --diagnose")
     assert diagnosis_sections.next_step(steady, kept)[1].endswith("--out played")
+
+
+def test_a_unit_that_explains_the_gap_is_mended_before_anything_is_added():
+    """The import, not the machine file with a sensor's gain of 9.55."""
+    found = replace(fake_diagnosis("effect"), notes=[f"check the unit: in rpm {FITS}"])
+    words, command = diagnosis_sections.next_step(found, Path("diagnosis.json"))
+    assert words.endswith("import again")
+    assert command.startswith("ldt import TABLE --speed NAME:UNIT")
 
 
 @pytest.mark.parametrize("kind", ["effect", "ambiguous", "unknown", "none"])

@@ -14,6 +14,8 @@ from hypothesis import strategies as st
 
 from ldt_core.base.errors import BadInput, OptionError, RecordingError
 from ldt_core.base.units import UNITS, parse_field, propose_fields
+from ldt_core.cli import invoke
+from ldt_core.cli.import_file import command
 from ldt_core.recording.bag import experiments
 from ldt_core.recording.importers import import_file
 from ldt_core.recording.messages import typestore
@@ -234,6 +236,18 @@ def test_a_size_that_speaks_for_another_unit_is_told(tmp_path):
     assert "if they are us: --time t:us" in " ".join(load(micro).notes)
     assert "if they are" not in " ".join(load(path, speed="n:rpm", time="t:ms").notes)
     assert "if they are" not in " ".join(load(path, speed="n:rad/s", time="t:s").notes)
+
+
+@pytest.mark.parametrize(
+    ("speeds", "step"), [(1500, "if a unit is another"), (0, "a machine file")]
+)
+def test_where_a_unit_is_doubted_the_next_step_is_to_import_again(tmp_path, capsys, speeds, step):
+    """To identify a motor from it comes second."""
+    path = table(tmp_path / "x.csv", rows(TIME, VOLTS, speeds + SPEED))
+    fields = ["--voltage", "u", "--speed", "n", "--time", "t", "--out", str(tmp_path / "bag")]
+    assert invoke(command, [str(path), *fields]) == 0
+    steps = [line for line in capsys.readouterr().out.splitlines() if line.startswith("Next, ")]
+    assert [line.startswith(f"Next, {step}") for line in steps] == [True]
 
 
 def test_an_unknown_unit_is_refused_with_the_list(tmp_path):
