@@ -20,6 +20,7 @@ from ldt_core.calibration.calibration import (
     Posterior,
     Reason,
     bound_notes,
+    doubtful,
     excitation_notes,
     free_run_error,
     notes,
@@ -109,7 +110,10 @@ def calibrate(
     with threadpool_limits(1):  # sums in one order: the same numbers on every run
         taken = [own_name(e.name, p.name) for e, _ in acting for p in e.parameters]
         work = _Work(before, machine, kept, list(free), list(fixed), taken, tick)
-        return work.result(held_out, part)
+        try:
+            return work.result(held_out, part)
+        except LdtError as error:
+            raise doubtful(error, before, kept) from error
 
 
 def check_names(machine: Machine, free: Sequence[str], fixed: Sequence[str]) -> None:

@@ -19,6 +19,7 @@ from ldt_core.base.sentences import listed, spoken
 from ldt_core.calibration.coordinates import SEARCH_FACTOR, Coordinates
 from ldt_core.calibration.identifiability import Identifiability
 from ldt_core.machine.machine_file import Machine
+from ldt_core.machine.sensor_check import doubt
 from ldt_core.models.physics import PhysicsModel
 
 MOST_NAMED = 3  # effects in a sentence
@@ -312,6 +313,20 @@ def refuse_absurd(
         f"calibration failed: {found}, so that this is no calibration of the machine; check the "
         "signs and units of voltage and speed, and the machine file"
     )
+
+
+def doubtful(error: LdtError, machine: Machine, experiments: Sequence[Experiment]) -> LdtError:
+    """A failed fit, with the experiment that speaks for a recording in another unit, if one does.
+
+    Args:
+        machine: as its file knows it.
+    """
+    told = ((e.number, doubt(machine, e)) for e in experiments)
+    found = next((f"experiment {number}: {words}" for number, words in told if words), "")
+    if error.exit_code != LdtError.exit_code or not found:
+        return error
+    again = "if it is the unit, import again with it (ldt import --speed NAME:rpm)"
+    return LdtError(f"{error}; {found}; {again}")
 
 
 def excitation_notes(experiments: Sequence[Experiment]) -> list[str]:

@@ -204,8 +204,8 @@ def _refuse(form: MotorResponse, linear: Identified, experiments: list[Experimen
     if form.gain <= 0:
         raise LdtError(
             f"the recording shows no motor but {shown}: the speed falls as the voltage rises, so "
-            "that one of the two has the wrong sign or the speed hardly depends on the voltage"
-            f"{guidance(experiments)}"
+            "that one of the two has the wrong sign (turn it and import again) or the speed hardly "
+            f"depends on the voltage{guidance(experiments)}"
         )
     if form.slowest > SLOWEST_MOTION * longest:
         raise LdtError(

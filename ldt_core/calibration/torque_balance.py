@@ -70,6 +70,11 @@ class Balance:
     without_voltage: float
     span: int
 
+    @property
+    def possible(self) -> bool:
+        """Whether the speed rises with the voltage, and no torque would have to drive it."""
+        return self.gain > 0 and all(given["torque"] > 0 for given in self.amounts.values())
+
 
 def balance(
     experiments: Sequence[Experiment], effects: Sequence[str], span: int = SPANS[0]
@@ -139,8 +144,9 @@ def fitting(experiments: Sequence[Experiment]) -> Balance | None:
             ]
             if not sets:
                 break
-            new = min((balance(experiments, names, span) for names in sets), key=lambda b: b.left)
-            if new.gain > 0 and new.left**2 < (1 - LEAST_GAIN) * best.left**2:
+            tried = [b for names in sets if (b := balance(experiments, names, span)).possible]
+            new = min(tried, key=lambda b: b.left, default=best)
+            if new.left**2 < (1 - LEAST_GAIN) * best.left**2:
                 best = new
         if best is not motor:
             found.append((best.left / motor.left, best))
@@ -196,8 +202,8 @@ def balanced_machine(
 def _over_the_best_span(experiments: Sequence[Experiment], effects: Sequence[str]) -> Balance:
     """The balance in the span in which `fitting` would take it."""
     tried = [balance(experiments, effects, n) for n in SPANS if _enough(experiments, effects, n)]
-    rising = [b for b in tried if b.gain > 0]
-    return min(rising or tried, key=lambda b: b.left / balance(experiments, (), b.span).left)
+    possible = [b for b in tried if b.possible]
+    return min(possible or tried, key=lambda b: b.left / balance(experiments, (), b.span).left)
 
 
 def _by_chance(found: Balance, experiments: Sequence[Experiment]) -> bool:
@@ -235,10 +241,16 @@ def balanced_start(
     By convention R = 1 Ohm and b = 0: only ratios of torques mean something.
 
     Raises:
-        LdtError: the speed does not rise with the voltage.
+        LdtError: the speed does not rise with the voltage, or an effect would have to drive it.
     """
     if found.gain <= 0:
         raise LdtError("the recording shows no such machine: its speed falls as the voltage rises")
+    if not found.possible:
+        idle = listed(KINDS[n] for n, given in found.amounts.items() if not given["torque"] > 0)
+        raise LdtError(
+            f"the recording shows no {idle}, which would have to drive the machine: leave it out "
+            "of --effects"
+        )
     damping = max(found.damping, 1e-3 * found.gain)
     constant = damping / found.gain
     inertia = constant / (found.gain * RESISTANCE)

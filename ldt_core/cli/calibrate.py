@@ -27,6 +27,8 @@ from ldt_core.cli.terminal import echo_json
 if TYPE_CHECKING:
     from ldt_core.calibration import Calibration
 
+INTERVAL = "95 % interval"  # the column that is folded where the terminal is narrow
+
 
 def _names(_context: click.Context, option: click.Parameter, text: str | None) -> list[str]:
     names = [name.strip() for name in (text or "").split(",") if name.strip()]
@@ -123,7 +125,8 @@ def command(
 
 def _print(found: Calibration, out: str) -> None:
     table = Table(title=f"{found.machine.name} calibrated")
-    for column in ("parameter", "in the file", "calibrated", "95 % interval", "unit"):
+    columns = ("parameter", "in the file", "calibrated", INTERVAL, "unit")
+    for column in columns:
         table.add_column(column, justify="left" if column in ("parameter", "unit") else "right")
     for e in found.estimates:
         none = "not determined" if found.lacking == [] else "withheld"
@@ -133,7 +136,7 @@ def _print(found: Calibration, out: str) -> None:
     for name, reason in found.fixed.items():
         table.add_row(name, f"{found.nominal.parameters[name]:.5g}", "kept", reason, units[name])
     console = Console()
-    console.print(table)
+    console.print_folded(table, *(c for c in columns if c != INTERVAL))
     for part, (before, after) in found.errors.items():
         where = {"fit": "fitted", "held_out": "held out"}[part]
         many = counted(len(found.experiments[part]), "experiment")

@@ -8,12 +8,15 @@ from typing import Any
 import rich.console
 from rich.console import ConsoleOptions, RenderableType
 from rich.segment import Segment
+from rich.table import Table
 
 from ldt_core.base.printable import printable
 
 WIDTH = 110  # characters of a wide table in a file or pipe
 
 NARROWEST = 40  # characters in which a run's table still has all its figures
+
+USUAL = 80  # characters of a terminal, in which the longest name of an effect has room
 
 
 class Console(rich.console.Console):
@@ -25,6 +28,18 @@ class Console(rich.console.Console):
             self.width = WIDTH
         # Whatever the terminal claims: cells of no width would leave an empty table.
         self.width = max(self.width, NARROWEST)
+
+    def print_folded(self, table: Table, *whole: str) -> None:
+        """Print a table of which nothing is cut off.
+
+        Args:
+            table: whose cells are folded where they have no room.
+            whole: headers of columns that are not, as long as the terminal is of the usual width.
+        """
+        for column in table.columns:
+            column.overflow = "fold"
+            column.no_wrap = column.header in whole and self.width >= USUAL
+        self.print(table, soft_wrap=False)
 
     def on_broken_pipe(self) -> None:
         """Whoever reads has left: raised, as by all other output; Rich would end the program."""

@@ -10,6 +10,7 @@ import click
 from rich.table import Table
 
 from ldt_core.base.printable import one_line
+from ldt_core.base.sentences import listed
 from ldt_core.base.settings import HOLDOUT
 from ldt_core.cli.completion import known
 from ldt_core.cli.console import Console
@@ -208,7 +209,7 @@ def _print_each(answers: Sequence[RecordingAnswer], out: Path, as_json: bool) ->
     for a in answers:
         table.add_row(*_row(a))
     console = Console(wide=True)
-    console.print(table, soft_wrap=False)
+    console.print_folded(table)
     console.print(f"{out}: a folder for each")
 
 
@@ -224,7 +225,7 @@ def _row(a: RecordingAnswer) -> list[str]:
 
 
 def _print(found: Diagnosis, folder: Path) -> None:
-    from ldt_core.diagnosis.sentence import values
+    from ldt_core.diagnosis.sentence import applied, values
     from ldt_core.views.diagnosis_page.diagnosis_page import JSON, PAGE
     from ldt_core.views.diagnosis_page.diagnosis_sections import next_step
 
@@ -237,15 +238,19 @@ def _print(found: Diagnosis, folder: Path) -> None:
         for c in found.candidates[:MAX_CANDIDATES]:
             share = "" if c.closed_fraction is None else f"{c.closed_fraction:.1%}"
             table.add_row(c.effect, share, values(c.parameters), c.rejected_because or "named")
-        console.print(table)
+        console.print_folded(table, "effect", "explains")
     if found.remainder.structured and found.remainder.depends_on:
         depends = ", ".join(found.remainder.depends_on)
         console.print(f"what is left depends on {depends}")
     if found.undetectable:
         silent = ", ".join(found.undetectable)
         console.print(f"could not have shown here: {silent}")
-    if found.next_experiment is not None:
-        console.print(f"next: {found.next_experiment.why}")
+    if (then := found.next_experiment) is not None:
+        console.print(f"next: {then.why}")
+        console.print(
+            f"voltage: {applied(then)}, {len(then.voltage)} samples of {then.sample_period:g} s "
+            f"(in {JSON}); record {listed(then.channels)}"
+        )
     for note in found.notes:
         console.print(one_line(f"- {note}"))
     console.print(f"{folder / PAGE}, {folder / JSON}")

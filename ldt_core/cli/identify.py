@@ -73,7 +73,7 @@ def _range(
     "--effects",
     metavar="NAME,...",
     help="For a machine that is not a plain motor: gravity_imbalance (a pendulum), "
-    "coulomb_friction. `ldt calibrate` starts from the values found.",
+    "coulomb_friction. `ldt calibrate` keeps the values found, unless --free names them.",
 )
 @judged_option
 @namespace_option
@@ -128,7 +128,7 @@ def command(
                 tick=tick,
             ).with_recordings(recordings)
     except LdtError as error:
-        told = any(said in str(error) for said in ("ldt docs", "--effects"))
+        told = any(said in str(error) for said in ("ldt docs", "--effects", "import again"))
         if error.exit_code != LdtError.exit_code or told:
             raise
         raise LdtError(f"{error}; {NEXT}") from None

@@ -113,6 +113,11 @@ def command(
     sizes = sorted({len(e) for e in imported.experiments})
     samples = " to ".join(str(size) for size in dict.fromkeys((sizes[0], sizes[-1])))
     alone = len(imported.experiments) == 1 and length is None
+    machine_file = f"ldt identify {as_argument(out)} --out FILE.yaml"
+    steps = [f"Next, a machine file: {machine_file}"]
+    if imported.doubts:
+        again = "if a unit is another, import again with --force and the option above"
+        steps = [f"Next, {again}", f"If none is, a machine file: {machine_file}"]
     cut_it = "A twin learns from one experiment to the next: --length 10 cuts this one every 10 s"
     echo_result(
         as_json,
@@ -121,7 +126,7 @@ def command(
         *([cut_it] if alone else []),
         f"{counted(len(imported.experiments), 'experiment')} of {samples} samples at "
         f"{1 / first.period:.6g} Hz: {out}",
-        one_line(f"Next, a machine file: ldt identify {as_argument(out)} --out FILE.yaml"),
+        *map(one_line, steps),
         one_line(
             f"Then what it lacks: ldt diagnose {as_argument(out)} --machine FILE.yaml --out why"
         ),

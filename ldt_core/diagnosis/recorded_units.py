@@ -18,6 +18,8 @@ from ldt_core.machine.machine_file import Machine
 
 #: Of the larger of both motions' power, a gap: the unit nearest to rad/s, or the sign, makes more.
 LEAST_GAP = 0.5
+#: Of a note that the recording, not the machine, is to be mended.
+FITS = "it is what the machine file's motor does"
 
 
 def misread(
@@ -58,10 +60,7 @@ def wrong_unit(machine: Machine, held: Sequence[Experiment], before: HeldOutErro
     how = [f"in {listed(units, 'or')}"] if units else []
     how += ["the other way round"] * turned
     command = f" (ldt import --speed NAME:{units[0]})" if units else ""
-    return (
-        f"check the {' and '.join(what)} of the speed: {' and '.join(how)} it is what the machine "
-        f"file's motor does{command}"
-    )
+    return f"check the {' and '.join(what)} of the speed: {' and '.join(how)} {FITS}{command}"
 
 
 def _left(machine: Machine, held: Sequence[Experiment], factor: float) -> float:

@@ -4,12 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from ldt_core.base.sentences import listed, spoken
-from ldt_core.diagnosis.diagnosis import Gap, GapLocation, HeldOutErrors, ParameterAmount
+import numpy as np
+
+from ldt_core.base.sentences import listed, plain, spoken
+from ldt_core.diagnosis.diagnosis import (
+    Gap,
+    GapLocation,
+    HeldOutErrors,
+    NextExperiment,
+    ParameterAmount,
+)
 from ldt_core.diagnosis.thresholds import THRESHOLDS
 
 COMMON_RANGE = 0.5  # of two ranges together: where both hold more, one of them is said
 WHOLE_GAP = 0.9  # share of the gap in a place: with less, the share is said
+MOST_LEVELS = 8  # of a voltage that somebody sets by hand
 
 
 def sentence(
@@ -164,6 +173,25 @@ def values(parameters: Mapping[str, ParameterAmount]) -> str:
         shown = f"{a.value * scale:.{min(digits, 9)}f}" if digits < 6 else f"{a.value * scale:.3g}"
         parts.append(f"{name} = {shown} ± {spread:.2g} {unit}".rstrip())
     return ", ".join(parts)
+
+
+def applied(then: NextExperiment) -> str:
+    """The voltage of an experiment in numbers.
+
+    >>> applied(NextExperiment("", [3.0] * 5 + [-4.5] * 5, 0.1, ["voltage", "speed"]))
+    '3, -4.5 V for 0.5 s each'
+    >>> applied(NextExperiment("", [0.0, 0.5, 1.0, 0.5], 0.1, ["voltage", "speed"]))
+    '0 to 1 V'
+    """
+    volts, period = np.asarray(then.voltage, dtype=np.float64), then.sample_period
+    begins = np.flatnonzero(np.diff(volts, prepend=np.nan))
+    held = int(np.diff(begins, append=volts.size)[: max(begins.size - 1, 1)].min())  # the last ends
+    between = f"{plain(float(volts.min()))} to {plain(float(volts.max()))} V"
+    if held == 1:
+        return between
+    if begins.size > MOST_LEVELS:
+        return f"{between} in steps of {held * period:.3g} s"
+    return f"{', '.join(map(plain, volts[begins].tolist()))} V for {held * period:.3g} s each"
 
 
 def _lies(where: Sequence[GapLocation]) -> str:

@@ -45,10 +45,11 @@ MOST_SAMPLES = 100_000_000  # of a stretch; more is a period in the wrong unit
 
 
 class Imported(NamedTuple):
-    """What an import made, and what it did, a sentence each."""
+    """What an import made; what it did, and which of it speaks for another unit, in sentences."""
 
     experiments: list[Experiment]
     notes: list[str]
+    doubts: Sequence[str] = ()
 
 
 def import_file(
@@ -203,7 +204,7 @@ def _from_bag(
     _check_apart(given, sources.values())
     if "time" in sources and len({s.topic for s in sources.values()}) > 1:
         raise OptionError("--time", "all channels from the topic of the time", given["time"])
-    series, clocks = read_fields(storage, sources)
+    series, timed = read_fields(storage, sources)
     series = {q: s._replace(values=s.values * fields[q].factor) for q, s in series.items()}
     sizes = ", ".join(f"{s.values.size} of {sources[q].text}" for q, s in series.items())
     notes = [f"{sizes}; {_conversions(fields)}"]
@@ -211,7 +212,7 @@ def _from_bag(
         times = series.pop("time").values
         series = {q: s._replace(time=times) for q, s in series.items()}
     else:
-        notes += [f"times are {kind}" for kind in sorted({clocks[q] for q in series})]
+        notes.append(timed)
     if sources["voltage"].topic != sources["speed"].topic:
         times = np.append(series["voltage"].time, series["speed"].time[-1])
         notes.append(f"the voltage is held for up to {np.diff(times).max():.3g} s")
@@ -268,7 +269,7 @@ def _cut(
             expected = f"an experiment by {cut['cut']}"
             raise RecordingError(where, expected, _listed(counts) or "none")
         notes.append(f"cut by {cut['cut']}")
-        return Imported(done, [*notes, *([_listed(counts)] if counts else [])])
+        return Imported(done, [*notes, *([_listed(counts)] if counts else [])], doubts)
     stretches = _stretches(series, found)
     if len(stretches) > 1:
         gaps = counted(len(stretches) - 1, "gap")
@@ -306,7 +307,7 @@ def _cut(
         notes.append(
             f"{counted(dropped, 'sample')} at ends of stretches dropped: too few for an experiment"
         )
-    return Imported(experiments, notes)
+    return Imported(experiments, notes, doubts)
 
 
 def _segmented(

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ldt_core.base.errors import OptionError, RecordingError, did_you_mean
-from ldt_core.base.sentences import counted
+from ldt_core.base.sentences import counted, listed
 from ldt_core.recording.messages import deserialize, quoted
 from ldt_core.recording.storage import Storage
 from ldt_core.segmenter.resampling import Series
@@ -47,11 +47,11 @@ def parse_field_path(option: str, text: str) -> FieldPath:
 
 def read_fields(
     storage: Storage, sources: Mapping[str, FieldPath]
-) -> tuple[dict[str, Series], dict[str, str]]:
-    """Series by name, and the kind of time that each has ("header stamps" or "reception times").
+) -> tuple[dict[str, Series], str]:
+    """Series by name, and a sentence on their times, a warning where these differ in kind.
 
-    The time of a sample is the stamp in its message's header, or the time of reception if the
-    messages have none.
+    The time of a sample is the stamp in its message's header, or the time of reception if not all
+    messages of the topic have one.
 
     Args:
         storage: the recording.
@@ -77,16 +77,33 @@ def read_fields(
         for name, source in sources.items():
             if source.topic == raw.topic:
                 values[name].append(number_in(where, message, source.steps))
-    series, clocks = {}, {}
+    series, stamped, some = {}, {}, False
     for name, source in sources.items():
         if not values[name]:
             got = "; ".join(["none", *storage.notes])
             raise RecordingError(f"{storage.path}, {source.topic}", "messages", got)
-        stamped = min(stamps[source.topic]) > 0
-        time = stamps[source.topic] if stamped else received[source.topic]
-        clocks[name] = "header stamps" if stamped else "reception times"
+        stamped[name] = min(stamps[source.topic]) > 0
+        some = some or (max(stamps[source.topic]) > 0 and not stamped[name])
+        time = stamps[source.topic] if stamped[name] else received[source.topic]
         series[name] = Series(np.array(time), np.array(values[name]), _place(source.topic))
-    return series, clocks
+    return series, _timed(stamped, some)
+
+
+def _timed(stamped: Mapping[str, bool], some: bool) -> str:
+    """Which times are which.
+
+    Args:
+        stamped: by name of the series.
+        some: whether a topic has messages with a stamp and others.
+    """
+    reception = "reception times" + ", as not all messages of a topic have a stamp" * some
+    by_stamp, others = ([n for n, has in stamped.items() if has is kind] for kind in (True, False))
+    if not (by_stamp and others):
+        return f"times are {reception if others else 'header stamps'}"
+    return (
+        f"beware: times of the {listed(by_stamp)} are header stamps, those of the {listed(others)} "
+        f"{reception}; a delay between them looks like another machine"
+    )
 
 
 def _place(topic: str) -> Callable[[int], str]:

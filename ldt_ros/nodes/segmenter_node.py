@@ -174,6 +174,8 @@ class SegmenterNode(LdtNode):
             current=any(feed.channel == "current" for feed in feeds),
         )
         self._arrivals = ArrivalClock()
+        #: Whether stamped messages have come, and others, each with the topic of the first one.
+        self._timed: dict[bool, str] = {}
         self._early: dict[str, tuple[float, float]] = {}
         #: Topic → its type, once somebody publishes it.
         self._kinds: dict[str, str] = {}
@@ -268,6 +270,8 @@ class SegmenterNode(LdtNode):
     def _on_sample(self, topic: str, kind: str, message: Any) -> None:
         now, stamp = time.time(), stamp_of(message)
         at = self._arrivals.unstamped(now) if stamp is None else self._arrivals.stamped(stamp, now)
+        if (stamp is None) not in self._timed:
+            self._tell_timing(topic, stamp is None)
         self._begun = self._begun or self._gate.is_open  # the graph is not asked at every sample
         if self.ended or self._doubled or not self._begun:
             return
@@ -290,6 +294,15 @@ class SegmenterNode(LdtNode):
                 self._publish(self.segmenter.feed(channel, self._arrivals.unstamped(came), early))
             self._early.clear()
             self._publish(self.segmenter.feed(feed.channel, at, value))
+
+    def _tell_timing(self, topic: str, bare: bool) -> None:
+        self._timed[bare] = topic
+        if len(self._timed) > 1:
+            self.get_logger().warning(
+                f"messages on {self.resolve_topic_name(self._timed[True])} have no stamp and count "
+                f"when they come, those on {self.resolve_topic_name(self._timed[False])} at their "
+                "stamps: a delay between them looks like another machine; stamp them all"
+            )
 
     def _publish(self, experiments: list[Experiment]) -> None:
         for experiment in experiments:

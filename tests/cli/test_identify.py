@@ -134,7 +134,10 @@ def test_a_recorded_current_is_pointed_to(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("recording", "words"),
     [
-        ({"sign": -1}, ["no motor", "the speed falls as the voltage rises", "gain -"]),
+        (
+            {"sign": -1},
+            ["no motor", "the speed falls as the voltage rises", "turn it and import again"],
+        ),
         (
             {"effect": "torsional_compliance:share=0.5,stiffness=0.05,damping=0.0001"},
             ["no motor", "order 4", "±", "more than two time constants"],

@@ -257,6 +257,13 @@ def test_a_current_of_another_unit_or_sign_is_not_fitted_to(factor, words):
     assert not diagnose(sound, MOTOR).notes
 
 
+def test_a_failed_fit_names_the_unit_that_it_may_be():
+    """A speed in rpm: it said that the free parameters hardly move the speed."""
+    given = [replace(e, speed=30 / np.pi * e.speed) for e in SOUND]
+    with pytest.raises(LdtError, match=r"another unit, .* import again with it"):
+        calibrate(MOTOR, given)
+
+
 @pytest.mark.parametrize("name", ["J", "R", "K_t", "b", "L", "J / 1000", "R / 1000", "K_t / 1000"])
 def test_a_machine_file_in_another_unit_is_doubted_by_a_run(name):
     """Inertia in g m², resistance in mOhm: nothing was said, and a twin learned around it."""

@@ -17,6 +17,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ldt_core.base.errors import LdtError
+from ldt_core.cli.diagnose import _print as shown_on_terminal
 from ldt_core.diagnosis.diagnosis import (
     Gap,
     GapLocation,
@@ -24,6 +25,7 @@ from ldt_core.diagnosis.diagnosis import (
     ParameterAmount,
     Refit,
 )
+from ldt_core.diagnosis.recorded_units import FITS
 from ldt_core.views.diagnosis_page import diagnosis_page, diagnosis_sections
 from ldt_core.views.diagnosis_page.diagnosis_page import picture
 from ldt_core.views.diagnosis_page.headline import WORDS, headline
@@ -333,6 +335,24 @@ def test_the_next_experiment_comes_with_commands_that_take_it(diagnoses, tmp_pat
     assert "--voltage u --speed n --current i --sample-period 0.01 --length 20" in page
 
 
+def test_the_terminal_cuts_no_name(diagnoses, tmp_path, capsys, monkeypatch):
+    """In 80 columns, where the names of effects ended in an ellipsis."""
+    monkeypatch.setenv("COLUMNS", "80")
+    named = replace(diagnoses["ambiguous"].candidates[0], effect="armature_inductance@elbow")
+    shown_on_terminal(replace(diagnoses["ambiguous"], candidates=[named]), tmp_path)
+    out = capsys.readouterr().out
+    assert "armature_inductance@elbow" in out
+    assert "…" not in out
+
+
+def test_the_terminal_says_what_the_next_experiment_is(diagnoses, tmp_path, capsys):
+    """Its voltage too, not only why."""
+    shown_on_terminal(diagnoses["ambiguous"], tmp_path)
+    out = capsys.readouterr().out
+    assert "V in steps of 1 s, 2000 samples of 0.01 s (in diagnosis.json)" in out
+    assert "record voltage, speed and current" in out
+
+
 def test_the_command_that_predicts_names_the_file_where_it_is(diagnoses, undrawn):
     """Recordings are named from where the command was given; so is the diagnosis."""
     page = diagnosis_page.page(diagnoses["effect"], Path("my answers/diagnosis.json"))
@@ -478,6 +498,14 @@ def test_a_gap_that_differs_between_experiments_asks_what_changed_when():
     steady = replace(found, where=[GapLocation("speed", 5, 8, "rad/s", 0.9, 0.5)])
     assert diagnosis_sections.next_step(changed, kept)[1].endswith("--out played --diagnose")
     assert diagnosis_sections.next_step(steady, kept)[1].endswith("--out played")
+
+
+def test_a_unit_that_explains_the_gap_is_mended_before_anything_is_added():
+    """The import, not the machine file with a sensor's gain of 9.55."""
+    found = replace(fake_diagnosis("effect"), notes=[f"check the unit: in rpm {FITS}"])
+    words, command = diagnosis_sections.next_step(found, Path("diagnosis.json"))
+    assert words.endswith("import again")
+    assert command.startswith("ldt import TABLE --speed NAME:UNIT")
 
 
 @pytest.mark.parametrize("kind", ["effect", "ambiguous", "unknown", "none"])

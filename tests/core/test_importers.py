@@ -14,6 +14,8 @@ from hypothesis import strategies as st
 
 from ldt_core.base.errors import BadInput, OptionError, RecordingError
 from ldt_core.base.units import UNITS, parse_field, propose_fields
+from ldt_core.cli import invoke
+from ldt_core.cli.import_file import command
 from ldt_core.recording.bag import experiments
 from ldt_core.recording.importers import import_file
 from ldt_core.recording.messages import typestore
@@ -234,6 +236,18 @@ def test_a_size_that_speaks_for_another_unit_is_told(tmp_path):
     assert "if they are us: --time t:us" in " ".join(load(micro).notes)
     assert "if they are" not in " ".join(load(path, speed="n:rpm", time="t:ms").notes)
     assert "if they are" not in " ".join(load(path, speed="n:rad/s", time="t:s").notes)
+
+
+@pytest.mark.parametrize(
+    ("speeds", "step"), [(1500, "if a unit is another"), (0, "a machine file")]
+)
+def test_where_a_unit_is_doubted_the_next_step_is_to_import_again(tmp_path, capsys, speeds, step):
+    """To identify a motor from it comes second."""
+    path = table(tmp_path / "x.csv", rows(TIME, VOLTS, speeds + SPEED))
+    fields = ["--voltage", "u", "--speed", "n", "--time", "t", "--out", str(tmp_path / "bag")]
+    assert invoke(command, [str(path), *fields]) == 0
+    steps = [line for line in capsys.readouterr().out.splitlines() if line.startswith("Next, ")]
+    assert [line.startswith(f"Next, {step}") for line in steps] == [True]
 
 
 def test_an_unknown_unit_is_refused_with_the_list(tmp_path):
@@ -458,7 +472,7 @@ def test_imported_experiments_survive_the_recording(tmp_path):
     assert [e.speed.tolist() for e in back] == [e.speed.tolist() for e in imported.experiments]
 
 
-def foreign(path: Path, voltage_times=TIME, stamped: bool = True) -> Path:
+def foreign(path: Path, voltage_times=TIME, stamped: bool = True, first: bool = True) -> Path:
     """JointState (velocity of two joints) and Float64 voltage commands, by the rosbags library."""
     from rosbags.rosbag2 import StoragePlugin, Writer
 
@@ -469,7 +483,7 @@ def foreign(path: Path, voltage_times=TIME, stamped: bool = True) -> Path:
     for t, speed in zip(TIME, SPEED, strict=True):
         at = 1_000_000_000 + round(t * 1e9)
         head = header(stamp=stamp(sec=at // 10**9, nanosec=at % 10**9), frame_id="")
-        if not stamped:
+        if not (stamped and (first or t > 0)):
             head = header(stamp=stamp(sec=0, nanosec=0), frame_id="")
         state = types[joint](
             header=head,
@@ -498,6 +512,7 @@ def test_a_foreign_recording_is_imported_by_topic_field_and_index(tmp_path):
     imported = import_file(path, voltage="/drive/voltage.data", speed="/joint_states.velocity[1]")
     check_plain(imported)
     assert imported.experiments[0].start == pytest.approx(1)
+    assert any("those of the voltage reception times; a delay" in n for n in imported.notes)
     (one,) = import_file(
         next(path.glob("*.mcap")),
         voltage="/drive/voltage.data:mV",
@@ -531,7 +546,17 @@ def test_messages_without_a_stamp_are_timed_by_their_reception(tmp_path):
     path = foreign(tmp_path / "bag", stamped=False)
     imported = import_file(path, voltage="/drive/voltage.data", speed="/joint_states.velocity[1]")
     check_plain(imported)
-    assert any("reception" in note for note in imported.notes)
+    assert "times are reception times" in imported.notes
+
+
+def test_a_topic_of_which_some_messages_have_a_stamp_is_timed_by_reception(tmp_path):
+    """Stamps and receptions in one series would make a jitter that no machine has."""
+    path = foreign(tmp_path / "bag", first=False)
+    imported = import_file(path, voltage="/drive/voltage.data", speed="/joint_states.velocity[1]")
+    assert imported.experiments[0].start == pytest.approx(1.005)
+    assert (
+        "times are reception times, as not all messages of a topic have a stamp" in imported.notes
+    )
 
 
 def test_a_time_of_the_message_may_be_chosen(tmp_path):

@@ -6,6 +6,7 @@ import base64
 import hashlib
 import json
 import re
+from dataclasses import replace
 from html import unescape
 from html.parser import HTMLParser
 from pathlib import Path
@@ -256,6 +257,13 @@ def test_evidence_beyond_measure_is_no_statistic_to_draw():
     own = Signal(1, Level.POSITIVE, "adequacy", 0, 2.0, figures, "changed", 14.0)
     assert statistic([own]).label == "error over the noise"
     assert (statistic([own]).values, statistic([own]).drift) == ([14.0], [None])
+
+
+def test_evidence_beyond_measure_is_told_as_such(tmp_path):
+    """In the settings' last statistics no number of a hundred digits is told."""
+    run = read_run(fake_run(tmp_path / "run", [1, 2]))
+    run.signals[-1] = replace(run.signals[-1], statistics={"unexplained": 1.94e130, "misfit": 2.0})
+    assert "unexplained over 1e+09, misfit 2" in page(run)
 
 
 def test_without_room_the_worst_keep_their_samples(tmp_path, monkeypatch):

@@ -28,7 +28,7 @@ from ldt_core.recording.writer import BagWriter
 PERIOD, SUBSTEPS = 0.01, 20
 
 
-def swung(gravity=60.0, friction=0.0, samples=3000, noise=0.01, seed=1):
+def swung(gravity=60.0, friction=0.0, samples=3000, noise=0.01, seed=1, drag=0.0):
     """An experiment of a motor by Euler's rule in short steps: a pendulum that hangs at first."""
     random = np.random.default_rng(seed)
     volts = np.repeat(random.uniform(-3, 3, samples // 60), 60)
@@ -38,7 +38,8 @@ def swung(gravity=60.0, friction=0.0, samples=3000, noise=0.01, seed=1):
         seen[k] = speed
         for _ in range(SUBSTEPS):
             torque = 20.0 * volts[k] - 1.5 * speed - gravity * np.sin(angle)
-            speed += PERIOD / SUBSTEPS * (torque - friction * np.tanh(speed / 0.05))
+            torque -= friction * np.tanh(speed / 0.05) + drag * speed * abs(speed)
+            speed += PERIOD / SUBSTEPS * torque
             angle += PERIOD / SUBSTEPS * speed
     return Experiment(1, 0.0, PERIOD, volts, seen + noise * random.standard_normal(samples))
 
@@ -119,6 +120,15 @@ def test_no_command_is_proposed_that_would_be_refused():
     assert "record experiments that the voltage drives" in guidance([free])
     with pytest.raises(LdtError, match="no more of the speed's changes than chance"):
         balanced_machine([free], ["gravity_imbalance"], "pendulum")
+
+
+def test_friction_that_would_have_to_drive_is_none():
+    """As the drag of a fan looks to a balance: neither proposed nor written, as friction of 0."""
+    fan = [swung(gravity=0.0, drag=0.05)]
+    assert balance(fan, ["coulomb_friction"]).left < 0.8 * balance(fan, []).left
+    assert fitting(fan) is None
+    with pytest.raises(LdtError, match="no dry friction"):
+        balanced_machine(fan, ["coulomb_friction"], "fan")
 
 
 def test_an_unknown_effect_is_refused():

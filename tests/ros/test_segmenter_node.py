@@ -207,6 +207,7 @@ class Machine:
 
 def test_a_foreign_machine_with_a_latched_command_and_another_clock(stranger):
     """Command without a stamp, sent when it changes; speed of one joint of two, in rpm."""
+    logged = log_of(stranger)
     machine = Machine(stranger, behind=1000.0, lateness=0.1, longest_gap=5.0)
     machine.run(SIZE)
     changed = time.time() - 1000.0
@@ -224,6 +225,9 @@ def test_a_foreign_machine_with_a_latched_command_and_another_clock(stranger):
     assert set(volts) == {4.0, 9.0}
     # The command comes between two speeds; a busy computer makes these far apart.
     assert abs(times[np.argmax(volts)] - changed) < 0.3
+    warned = [m.msg for m in logged if "have no stamp" in m.msg]
+    assert len(warned) == 1
+    assert "/motor/command have no stamp and count when they come" in warned[0]
 
 
 def test_messages_that_cannot_be_used_are_counted_and_the_node_goes_on(stranger):

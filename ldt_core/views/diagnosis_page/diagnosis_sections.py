@@ -10,6 +10,8 @@ import msgs_config
 from ldt_core.base.printable import as_argument
 from ldt_core.base.sentences import counted, listed, ranges, spans
 from ldt_core.diagnosis.diagnosis import Diagnosis, RankedCandidate, Refit
+from ldt_core.diagnosis.recorded_units import FITS
+from ldt_core.diagnosis.sentence import applied
 from ldt_core.views.diagnosis_page import gap_curves, ranking, time_curves
 from ldt_core.views.diagnosis_page.headline import WORDS, headline, no_effect_needed
 from ldt_core.views.diagnosis_page.number_format import (
@@ -137,7 +139,9 @@ def next_step(diagnosis: Diagnosis, kept: Path) -> tuple[str, str]:
     play = f"ldt run --play {recordings[0]} --machine {machine} --out played"
     calibrated = f"ldt calibrate {' '.join(recordings)} --machine {machine}"
     fitted = f"{calibrated} --with {as_argument(str(kept))} --out FILE.yaml"
-    anew = f"{calibrated} --out FILE.yaml"
+    if any(FITS in note for note in diagnosis.notes):
+        again = f"ldt import TABLE --speed NAME:UNIT ... --out {recordings[0]} --force"
+        return "unless the speed's unit and sign are right, import again", again
     return {
         "effect": ("add what was found to the machine file", fitted),
         "unknown": (
@@ -151,7 +155,7 @@ def next_step(diagnosis: Diagnosis, kept: Path) -> tuple[str, str]:
                 play,
             )
         ),
-        "none": ("fit the file's numbers anew", anew)
+        "none": ("fit the file's numbers anew", f"{calibrated} --out FILE.yaml")
         if no_effect_needed(diagnosis)
         else ("let the twin watch for changes", play),
     }.get(diagnosis.verdict.kind, ("", ""))
@@ -349,7 +353,7 @@ def following(diagnosis: Diagnosis) -> Section:
             [
                 ("to record", ", ".join(then.channels)),
                 ("samples", f"{len(then.voltage)}, every {then.sample_period:g} s"),
-                ("voltage", "next_experiment.voltage in diagnosis.json"),
+                ("voltage", f"{applied(then)}; next_experiment.voltage in diagnosis.json"),
             ]
         )
     )

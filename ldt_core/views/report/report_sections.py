@@ -42,6 +42,7 @@ GRADES = {Grade.WARNING: "open", Grade.PROBLEM: "bad"}
 
 MOST_ROWS = 5000  # of the table of experiments, 2 MB of the page; the plots have them all
 OPEN_ROWS = 20  # of a table that stands open; a longer one would bury what follows it
+MOST_TOLD = 1e9  # of a statistic: beyond it, evidence and errors of a run away only say "far"
 MARKS = {
     Action.ADAPTED: Mark(ACTION_WORDS[Action.ADAPTED], "good"),
     Action.REFUSED: Mark(ACTION_WORDS[Action.REFUSED], "open"),
@@ -297,7 +298,7 @@ def _settings(run: ReportedRun, compared: DetectorStatistic) -> list[Block]:
     shown = LIMITS if any(map(any, limits.values())) else ()
     own = {n: v for n, v in run.signals[-1].statistics.items() if n not in shown}
     if own:
-        text = ", ".join(f"{spoken(name)} {v:.3g}" for name, v in own.items())
+        text = ", ".join(f"{spoken(name)} {_figure(v)}" for name, v in own.items())
         pairs.append(("last statistics", text))
     parameters = run.models[0].parameters.get("machine") if run.models else None
     if isinstance(parameters, dict):
@@ -308,6 +309,10 @@ def _settings(run: ReportedRun, compared: DetectorStatistic) -> list[Block]:
         return [Pairs(pairs), Text("The recording holds no settings of the run.", "missing")]
     pairs.append(("run with", as_options(kept) or "the defaults alone"))
     return [Pairs(pairs), Folded("All settings of the run", _table(kept))]
+
+
+def _figure(value: float) -> str:
+    return f"over {MOST_TOLD:g}" if value > MOST_TOLD else f"{value:.3g}"
 
 
 def _table(settings: Mapping[str, Setting]) -> Table:
