@@ -94,7 +94,7 @@ def command(
     if diagnosis:
         from ldt_core.diagnosis.diagnosis import read_effects
 
-        acting = read_effects(diagnosis, machine)
+        acting = read_effects(diagnosis, machine, along=False)
         warn_of_nothing(diagnosis, acting)
     check_names(machine.with_effects(acting), free, fixed)
     check_file(out, force)

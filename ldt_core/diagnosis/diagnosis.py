@@ -264,7 +264,7 @@ def _json(value: Any) -> Any:
 
 
 def read_effects(
-    file: str | Path, machine: Machine | None = None, own: Sequence[Effect] = ()
+    file: str | Path, machine: Machine | None = None, own: Sequence[Effect] = (), along: bool = True
 ) -> list[tuple[Effect, dict[str, float]]]:
     """The verdict's effects with their parameters from a `diagnosis.json`.
 
@@ -273,13 +273,16 @@ def read_effects(
     Args:
         machine: that is to have them; None takes any.
         own: effects that are not in the library.
+        along: also the machine's own numbers that were fitted along, which nobody names.
 
     Raises:
         BadInput: the file cannot be read, is no diagnosis, or one of another machine.
         OptionError: an unknown effect, or a parameter outside its bounds.
     """
     found = read_diagnosis(file, machine)
-    return used_effects(str(file), acting_entries(str(file), found), own)
+    used = used_effects(str(file), acting_entries(str(file), found), own)
+    named = found["verdict"].get("effects")
+    return used if along or not isinstance(named, list) else [u for u in used if u[0].name in named]
 
 
 def used_effects(

@@ -94,7 +94,8 @@ def calibrate(
 
 def _named(diagnosis: object, machine: Machine) -> list[tuple[Effect, dict[str, float]]]:
     if isinstance(diagnosis, Diagnosis):
-        return [get_effect(e["effect"]).used(e["parameters"]) for e in diagnosis.effects]
+        listed = (e for e in diagnosis.effects if e["effect"] in diagnosis.verdict.effects)
+        return [get_effect(e["effect"]).used(e["parameters"]) for e in listed]
     if isinstance(diagnosis, str | os.PathLike):
-        return read_effects(Path(diagnosis), machine)
+        return read_effects(Path(diagnosis), machine, along=False)
     raise ArgumentTypeError("with_", "a diagnosis or its file", described(diagnosis))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 
 import numpy as np
@@ -12,6 +13,7 @@ import ldt_core as ldt
 from ldt_core.base.errors import ArgumentTypeError, MachineFileError
 from ldt_core.calibration import calibrate
 from ldt_core.calibration.machine_yaml import machine_file_text
+from ldt_core.diagnosis.diagnosis import read_effects
 from ldt_core.effects import get_effect, parse_effect
 from ldt_core.machine.machine_file import Machine, machine_from_dict, parse_machine
 
@@ -56,6 +58,20 @@ def test_dry_friction_that_the_file_lacks_withholds_the_intervals():
     assert any("ldt calibrate --with" in note for note in result.notes)
     assert result.as_dict()["intervals"].startswith("withheld")
     assert not result.machine.deviations
+
+
+def test_what_a_diagnosis_fitted_along_is_no_effect_of_the_machine(tmp_path):
+    """A motor constant of 1.00008 stood in the file as known to act; it is fitted as K_t."""
+    entries = [
+        {"effect": "coulomb_friction", "parameters": {"torque": 0.03}},
+        {"effect": "motor_constant", "parameters": {"factor": 1.00008}},
+    ]
+    verdict = {"kind": "effect", "effects": ["coulomb_friction"]}
+    file = tmp_path / "diagnosis.json"
+    file.write_text(json.dumps({"verdict": verdict, "effects": entries}))
+    assert [e.name for e, _ in read_effects(file, motor(), along=False)] == ["coulomb_friction"]
+    predicted = ["coulomb_friction", "motor_constant"]
+    assert [e.name for e, _ in read_effects(file, motor())] == predicted
 
 
 @pytest.mark.parametrize(
