@@ -226,6 +226,8 @@ class Level(enum.IntEnum):
 #: In an adaptation's details: nothing was to be learned; the machine file rules the speed out.
 #: The detector (a signal's statistics have it too, and a lack of memory) or the adaptor failed.
 PAUSED, DOUBTFUL, FAILED, NO_MEMORY = "paused", "doubtful_sensor", "failed", "out_of_memory"
+#: In an adaptation's details: the sensor's fault, and nothing was learned.
+FAULTY = "faulty_sensor"
 
 
 class Action(enum.StrEnum):

@@ -13,6 +13,7 @@ from ldt_core.base.errors import LdtError, RepeatedExperiment, UnansweredExperim
 from ldt_core.base.experiment import (
     DOUBTFUL,
     FAILED,
+    FAULTY,
     PAUSED,
     Action,
     Adaptation,
@@ -57,6 +58,8 @@ class Summary:
         #: first `MOST_FAILURES` of them, and how many more there are.
         self.failures: list[str] = []
         self.further_failures = 0
+        #: Experiments of a faulty sensor, from which nothing was learned.
+        self.faulty = 0
         #: Experiments that came again, and were left out.
         self.repeated = 0
         #: Verdicts of the diagnoses that were made, in their order.
@@ -131,9 +134,11 @@ class Summary:
             self._noted.add(DOUBTFUL)
             _, _, words = adaptation.reason.rpartition("; ")
             self.note(f"experiment {adaptation.number}, {words}; it was used all the same")
-        if adaptation.details.get(FAILED) and FAILED not in self._noted:
-            self._noted.add(FAILED)
-            self.note(f"experiment {adaptation.number}: {adaptation.reason}")
+        self.faulty += bool(adaptation.details.get(FAULTY))
+        for why in (FAILED, FAULTY):
+            if adaptation.details.get(why) and why not in self._noted:
+                self._noted.add(why)
+                self.note(f"experiment {adaptation.number}: {adaptation.reason}")
         self.model_version = adaptation.model_version
 
     def _add(self, whose: str, error: float) -> None:
@@ -175,6 +180,10 @@ class Summary:
         errors += f"{number(original)} rad/s)."
         if share != "100":
             return f"Learning {'helped' if left < 1 else 'made it worse'}: {errors}"
+        if self.faulty:
+            return (
+                f"Nothing is learned from {counted(self.faulty, 'experiment')} of a faulty sensor."
+            )
         if self.states["holds"] == self.experiments and not self.adaptations:
             return "The model already explains the machine: nothing to learn."
         tried = self.adaptations or self.refusals
@@ -229,6 +238,7 @@ class Summary:
             "negatives": self.negatives,
             "adaptations": self.adaptations,
             "refusals": self.refusals,
+            "faulty": self.faulty,
             "model_version": self.model_version,
             "rejected": self.rejected,
             "repeated": self.repeated,
@@ -249,7 +259,8 @@ class Summary:
     def rows(self) -> list[tuple[str, str]]:
         """(label, figure) for a table, in the order in which to show them."""
         seldom = {
-            "alarms without a new model": self.refusals,
+            "alarms without a new model": self.refusals - self.faulty,
+            "experiments of a faulty sensor": self.faulty,
             "warnings": self.warnings,
             "experiments rejected": self.rejected,
             "experiments repeated": self.repeated,

@@ -41,10 +41,10 @@ class Adequacy(Detector):
 
     Two questions are judged apart. *Does the model explain this experiment?* Neighbouring samples
     of what noise leaves agree in sign as often as not, and so does each with the voltage's last
-    steps; its largest samples lie anywhere; and it is hardly louder than in the experiments before
-    (`estimation.misfit`). Samples of which the model claims
-    to know less count less. *Has the machine changed?* is asked where it does not: against the
-    experiments since learning was first tried and did not help.
+    steps; its largest samples lie anywhere; and where it is louder than before, it remembers
+    nothing (`estimation.misfit`). Samples of which the model claims to know less count less. *Has
+    the machine changed?* is asked where it does not: against the experiments since learning was
+    first tried and did not help.
 
     | state | what is known | answer |
     |---|---|---|
@@ -87,6 +87,10 @@ class Adequacy(Detector):
 
     Noise that is not independent within an experiment breaks the first assumption: the first such
     experiment is positive. Learning finds nothing better, and the ranks go on from there.
+
+    A swing near half the sample rate looks like noise, and only its size tells. So what is more
+    than three times as loud as the experiments before let expect (`UsualNoise`) is no noise if it
+    remembers itself. Of independent noise that is one in a million, by which the guarantee is less.
 
     Args:
         false_alarm_every: least mean number of experiments from one false positive to the next.

@@ -61,6 +61,10 @@ BETS = (-0.9, -0.5, 0.5, 0.9)
 CLOSE, CLOSER = (1, 5, 25), (2.0, 8.0, 32.0)
 #: Part of the largest step of the voltage from which on a step counts as a large one.
 LARGE_STEP = 0.5
+#: Samples up to which a swing near half the sample rate is asked whether it remembers itself, and
+#: deviations of their products' sum that fair signs exceed at one of these once in a million.
+LAGS = 8
+REMEMBERED = math.sqrt(2 * math.log(2e6 * LAGS))
 #: Noise [of a sensor's step] from which on its rounding is white: half a step of noise, and with it
 #: the rounding's own deviation.
 NOISY = math.sqrt(0.25 + ROUNDED**2)
@@ -257,8 +261,8 @@ def misfit(residual: Array, deviation: Array | None = None, under: Setting | Non
 
     It is multiplied by the e-value of how close together the samples far out lie. That has a mean
     of 1 where the sizes come in any order equally likely; as all the rest has, given that order.
-    What is rougher than noise may be tells by itself: a swing near half the sample rate looks like
-    noise in all else.
+    What is rougher than noise may be, and remembers itself, tells by itself: a swing near half the
+    sample rate looks like noise in all else.
 
     Args:
         residual: (L,) measured minus predicted, L >= 2.
@@ -269,7 +273,7 @@ def misfit(residual: Array, deviation: Array | None = None, under: Setting | Non
         residual = _without_start(residual, under.start)
     floor = ROUNDING * float(np.abs(residual).max())
     rough = noise_in(residual, under)
-    loud = under is not None and rough > max(under.most, floor)
+    loud = under is not None and rough > max(under.most, floor) and _remembers(residual)
     usual = under.most / ROUGHER if under is not None and loud else rough
     noise = max(usual**2, floor**2, LEAST_SQUARE)
     scaled = residual / math.sqrt(noise)
@@ -308,6 +312,19 @@ def misfit(residual: Array, deviation: Array | None = None, under: Setting | Non
         far or loud or blows > EXPLAINED,
         math.sqrt(noise),
     )
+
+
+def _remembers(residual: Array) -> bool:
+    """Whether samples up to `LAGS` apart agree in sign, or do not, beyond one chance in a million.
+
+    Given the sizes, each product's sign is fair (Hoeffding, Journal of the American Statistical
+    Association 58, 1963).
+    """
+    for lag in range(1, min(LAGS, residual.size - 1) + 1):
+        products = residual[:-lag] * residual[lag:]
+        if abs(products.sum()) > REMEMBERED * math.sqrt(float(np.sum(np.square(products)))):
+            return True
+    return False
 
 
 def _signed(products: Array, tolerated: float) -> tuple[float, float]:

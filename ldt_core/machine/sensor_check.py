@@ -2,8 +2,8 @@
 
 A machine that wears is learned anew; a sensor that fails must not be. Refused is only what no
 change of any parameter could bring about: a speed that stands at one value to the last bit where
-noise was before, that ends sharply at one value, that jumps as no inertia lets it
-(`speed_jumps`), or noise and nothing else. All of that is judged by the data themselves.
+noise was before, that ends sharply at one value, that is 0 now and then, that jumps as no inertia
+lets it (`speed_jumps`), or noise and nothing else. All of that is judged by the data themselves.
 
 What the machine file alone rules out is doubtful, and learned from: the machine may have changed.
 Telling a sensor that shows another plausible speed from such a machine is what a diagnosis is for
@@ -57,6 +57,7 @@ def fault(machine: Machine, experiment: Experiment, recent: Sequence[Experiment]
     return (
         _clipped(experiment, recent)
         or _stuck(experiment, recent)
+        or _drops_out(experiment)
         or _jumps(experiment, recent)
         or _noise_alone(machine, experiment, recent)
     )
@@ -144,6 +145,28 @@ def _clipped(e: Experiment, recent: Sequence[Experiment]) -> str:
                 "digit: a sensor that saturates"
             )
     return ""
+
+
+def _drops_out(e: Experiment) -> str:
+    """Zeros to the last digit between samples of one sign that are far from it.
+
+    Two: a sound sensor may show one by chance, of noise with long tails.
+    """
+    turning = e.speed[e.speed != 0]
+    if turning.size < 2:
+        return ""
+    usual = float(np.median(np.abs(np.diff(turning))))
+    far = MOST_STEP * max(usual, _resolution([e]))
+    before, between, after = e.speed[:-2], e.speed[1:-1], e.speed[2:]
+    lost = (between == 0) & (np.minimum(before, after) > far)
+    lost |= (between == 0) & (np.maximum(before, after) < -far)
+    if np.count_nonzero(lost) < 2:
+        return ""
+    beside = float(np.median(np.abs(before[lost])))
+    return (
+        f"{int(np.count_nonzero(e.speed == 0))} of {len(e)} samples are 0 rad/s to the last digit, "
+        f"between others of {beside:.4g} rad/s: a sensor that drops out"
+    )
 
 
 def _jumps(e: Experiment, recent: Sequence[Experiment]) -> str:

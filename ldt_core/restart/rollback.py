@@ -11,7 +11,7 @@ from pathlib import Path
 
 import msgs_config
 from ldt_core.base.errors import OptionError, RecordingError
-from ldt_core.base.experiment import Action, Adaptation, ModelRecord
+from ldt_core.base.experiment import FAULTY, Action, Adaptation, ModelRecord
 from ldt_core.machine.machine_file import Machine, load_machine
 from ldt_core.recording.bag import Bag, read_bag
 from ldt_core.recording.health import ANSWERS
@@ -19,7 +19,7 @@ from ldt_core.recording.messages import quoted
 from ldt_core.recording.writer import BagWriter
 from ldt_core.restart.recorded_run import RecordedRun, complete_steps
 from ldt_core.restart.run_key import check_key
-from ldt_core.twin.adaptor import FAULTY, ROLLED_BACK
+from ldt_core.twin.adaptor import ROLLED_BACK
 from ldt_core.twin.stage import RecordedStep
 
 #: A nanosecond [s].

@@ -17,6 +17,7 @@ from ldt_core.base.errors import LdtError, RecordingError, reason_of
 from ldt_core.base.experiment import (
     DOUBTFUL,
     FAILED,
+    FAULTY,
     NO_MEMORY,
     PAUSED,
     Action,
@@ -45,8 +46,6 @@ if TYPE_CHECKING:
 
 #: Models that were in force before and may be again, beside the very first.
 EARLIER = 8
-#: In the details of an adaptation: the sensor's fault, and nothing was learned.
-FAULTY = "faulty_sensor"
 #: In the details of an adaptation: learning from the experiment could not end in time.
 TOO_LONG, TOO_SHORT = "too_long", "too_short"
 #: In the details of an adaptation: the version that came into force again by hand.

@@ -62,6 +62,15 @@ def spikes(e):
     return shown(e, speed)
 
 
+def drops_out(e):
+    """One sample in twenty is lost, and shown as 0."""
+    return shown(e, np.where(_random(e).random(len(e)) < 0.05, 0.0, e.speed))
+
+
+def every_other(e):
+    return shown(e, np.where(np.arange(len(e)) % 2, e.speed, 0.0))
+
+
 def garbage(e):
     return shown(e, _random(e).uniform(-200.0, 200.0, len(e)))
 
@@ -74,6 +83,8 @@ FAULTS = {
     saturates: "saturates",
     steps: "within one sample",
     spikes: "within one sample",
+    drops_out: "drops out",
+    every_other: "drops out",
     garbage: "faulty sensor",
 }
 

@@ -219,10 +219,16 @@ def test_a_swing_near_half_the_sample_rate_is_told_by_its_size(size, holds):
     assert again.state() == detector.state()
 
 
-def test_noise_that_was_always_of_many_sizes_is_none_too_loud():
-    """Each experiment's is up to ten times another's, as it has always been."""
+@pytest.mark.parametrize("law", ["rare", "lasting", "of many sizes"])
+def test_a_sensor_that_is_louder_is_no_change_of_the_machine(law):
+    """However loud, what remembers nothing is noise."""
     random, detector = np.random.default_rng(4), Adequacy()
-    for scale in np.exp(0.7 * random.standard_normal(300)):
+    scales = {
+        "rare": np.where(random.random(300) < 0.05, 5.0, 1.0),
+        "lasting": np.where(np.arange(300) < 20, 1.0, 5.0),
+        "of many sizes": np.exp(0.7 * random.standard_normal(300)),
+    }
+    for scale in scales[law]:
         detector.update(scale * random.normal(size=400))
         assert detector.model_state == "holds"
 

@@ -4,7 +4,16 @@ import numpy as np
 import pytest
 
 from ldt_core.base.errors import ExperimentError
-from ldt_core.base.experiment import Action, Adaptation, Experiment, Level, Prediction, Signal, Step
+from ldt_core.base.experiment import (
+    FAULTY,
+    Action,
+    Adaptation,
+    Experiment,
+    Level,
+    Prediction,
+    Signal,
+    Step,
+)
 from ldt_core.base.metrics import FreeRunError, Summary
 from ldt_core.base.model_state import STATES
 
@@ -51,6 +60,7 @@ def test_a_run_by_hand():
         "negatives": 1,
         "adaptations": 1,
         "refusals": 1,
+        "faulty": 0,
         "model_version": 1,
         "rejected": 0,
         "repeated": 0,
@@ -63,6 +73,23 @@ def test_a_run_by_hand():
     assert rows["alarms"] == "2"
     assert rows["new models"] == rows["alarms without a new model"] == "1"
     assert "experiments rejected" not in rows
+
+
+def test_what_a_faulty_sensor_showed_is_said():
+    """ "The model already explains the machine: nothing to learn" of samples that were lost."""
+    summary, reason = (
+        Summary(),
+        "nothing is learned: 20 of 400 samples are 0 rad/s; version 0 stays",
+    )
+    for number in (1, 2):
+        summary.add_signal(Signal(number, Level.NEGATIVE, "adequacy", 0, 199.0, {}, "holds", 1.0))
+        summary.add_original(199.0)
+        summary.add_adaptation(Adaptation(number, Action.REFUSED, 0, reason, {FAULTY: 1.0}))
+    assert summary.outcome == "Nothing is learned from 2 experiments of a faulty sensor."
+    assert summary.notes == [f"experiment 1: {reason}"]
+    rows = dict(summary.rows())
+    assert rows["experiments of a faulty sensor"] == "2"
+    assert "alarms without a new model" not in rows
 
 
 def test_states_are_counted_and_the_last_is_said():

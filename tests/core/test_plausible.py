@@ -10,7 +10,7 @@ import pytest
 from faulty_sensors import FAULTS, SHORT, broken, made
 
 from ldt_core.base.errors import OptionError
-from ldt_core.base.experiment import Action
+from ldt_core.base.experiment import FAULTY, Action
 from ldt_core.base.settings import resolve
 from ldt_core.effects import EFFECTS, get_effect
 from ldt_core.machine.current_check import wrong_current
@@ -19,7 +19,6 @@ from ldt_core.recording.bag import read_bag
 from ldt_core.restart.recorded_run import RecordedRun, complete_steps
 from ldt_core.restart.stage_restart import TwinRestart
 from ldt_core.runs.offline import run
-from ldt_core.twin.adaptor import FAULTY
 from ldt_core.twin.loop import Twin
 
 BOTH_WAYS = {"voltage": {"kind": "steps", "low": -16, "high": 16, "hold": 1}, "noise": 0.1}
