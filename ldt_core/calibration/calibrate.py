@@ -21,10 +21,10 @@ from ldt_core.calibration.calibration import (
     Reason,
     bound_notes,
     doubtful,
-    excitation_notes,
     free_run_error,
     notes,
     nothing_determined,
+    recording_notes,
     refuse_absurd,
     rounded,
 )
@@ -242,7 +242,7 @@ class _Work:
         )
         told = beside + notes(calibration, state.seen, state.runs.white, GAIN_RATIO)
         told += bound_notes(state.coordinates, state.z)
-        told += excitation_notes(self.experiments)
+        told += recording_notes(self.machine, self.experiments)
         if not state.converged:
             told.append(
                 "The fit had not quite settled when it was stopped; the values may still move a "

@@ -19,7 +19,7 @@ from ldt_core.base.sentences import listed, spoken
 from ldt_core.calibration.coordinates import SEARCH_FACTOR, Coordinates
 from ldt_core.calibration.identifiability import Identifiability
 from ldt_core.machine.machine_file import Machine
-from ldt_core.machine.sensor_check import doubt
+from ldt_core.machine.sensor_check import doubt, sound
 from ldt_core.models.physics import PhysicsModel
 
 MOST_NAMED = 3  # effects in a sentence
@@ -329,12 +329,13 @@ def doubtful(error: LdtError, machine: Machine, experiments: Sequence[Experiment
     return LdtError(f"{error}; {found}; {again}")
 
 
-def excitation_notes(experiments: Sequence[Experiment]) -> list[str]:
-    """A sentence when the voltage never changes."""
-    level = _constant(experiments)
-    if level is None:
-        return []
-    return [f"The voltage was {level:.4g} V throughout: record steps to determine more."]
+def recording_notes(machine: Machine, experiments: Sequence[Experiment]) -> list[str]:
+    """A sentence where the sensor failed, and one when the voltage never changes."""
+    level, (_, failed) = _constant(experiments), sound(machine, experiments)
+    told = [f"Do not trust these values: {failed}."] if failed else []
+    if level is not None:
+        told.append(f"The voltage was {level:.4g} V throughout: record steps to determine more.")
+    return told
 
 
 def nothing_determined(experiments: Sequence[Experiment]) -> str:
