@@ -41,6 +41,7 @@ ABOUT = {
     "AR 0.99": "a sample keeps 0.99 of the one before",
     "Student 3": "heavy tails, 3 degrees of freedom",
     "lognormal scale": "another size in each experiment, mostly within a factor of two",
+    "rarely loud": "five times as large in one experiment of twenty",
     "season in the excitation": "the size goes up and down by a half, over 50 experiments",
     "quantised": "rounded to steps of its deviation",
 }

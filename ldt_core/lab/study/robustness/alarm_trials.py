@@ -37,6 +37,8 @@ IN_A_ROW = 300
 EVERY = 1000.0
 #: Experiments of a season of the excitation, in which the noise goes up and down by a half.
 SEASON, SWING = 50, 0.5
+#: Part of the experiments that are louder, and by how much: a supply or a machine next to it.
+RARE, LOUD = 0.05, 5.0
 #: Standard deviation of the logarithm of an experiment's scale: a factor of two either way is 95 %.
 LOG_SCALE = 0.35
 #: Deviations of the noise that a step of a coarse sensor has.
@@ -72,6 +74,11 @@ def _scaled(random: np.random.Generator, count: int) -> Rows:
     return scale[:, None] * _white(random, count)
 
 
+def _rarely_loud(random: np.random.Generator, count: int) -> Rows:
+    scale = np.where(random.random(count) < RARE, LOUD, 1.0)
+    return scale[:, None] * _white(random, count)
+
+
 def _seasonal(random: np.random.Generator, count: int) -> Rows:
     scale = 1 + SWING * np.sin(2 * np.pi * np.arange(count) / SEASON)
     return scale[:, None] * _white(random, count)
@@ -88,6 +95,7 @@ LAWS_IN_CONTROL: dict[str, Callable[[np.random.Generator, int], Rows]] = {
     "AR 0.99": _coloured(0.99),
     "Student 3": _student,
     "lognormal scale": _scaled,
+    "rarely loud": _rarely_loud,
     "season in the excitation": _seasonal,
     "quantised": _quantised,
 }
