@@ -139,7 +139,7 @@ class Adequacy(Detector):
         self.length = 0
         #: The sensor's step, as the last experiment that moved enough showed it [rad/s].
         self.step = 0.0
-        #: Of the experiments that the model in force has explained, a `UsualNoise`.
+        #: Of the experiments that a model has explained, a `UsualNoise`.
         self.noises: list[float] = list(UsualNoise())
         #: Deviation of the last one's noise [rad/s], no less than a sensor resolves.
         self.noise = 0.0

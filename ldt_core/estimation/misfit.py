@@ -92,7 +92,7 @@ class Misfit:
         chance: standard deviation of that under noise of one size, whatever its law.
         far: whether neighbours lie together beyond `FAR` deviations of the noise, or most samples
             behind the voltage's large steps do, or far samples closer together than by chance, or
-            all is louder than noise may be.
+            all is louder than noise may be and remembers itself.
         noise: its deviation, in the unit of the residual.
     """
 
@@ -141,7 +141,7 @@ class Setting:
             larger.
         start: (L,) what is left of an error in the first sample, as a part of it; 0 where a
             prediction does not begin there.
-        most: deviation that noise may have [rad/s]; what is rougher is no noise.
+        most: deviation that noise may have [rad/s]; what is rougher and remembers itself is none.
     """
 
     moves: Array
