@@ -101,12 +101,12 @@ def calibrate(
             raise ExperimentError(
                 f"experiment {e.number}", f"{FEWEST_SAMPLES} samples or more", len(e)
             )
-    if not any(e.speed.any() for e in experiments):
-        raise LdtError("nothing to calibrate: the speed is 0 rad/s throughout; check the sensor")
     if words := wrong_current(machine, experiments):
         expected = "the motor's (check its unit and sign, and R in the machine file)"
         raise ExperimentError("the recording, current", expected, words)
     kept, held_out, part = split_evenly(experiments, holdout)
+    if any(e.voltage.any() for e in kept) and not any(e.speed.any() for e in kept):
+        raise LdtError("nothing to calibrate: the speed is 0 rad/s throughout; check the sensor")
     with threadpool_limits(1):  # sums in one order: the same numbers on every run
         taken = [own_name(e.name, p.name) for e, _ in acting for p in e.parameters]
         work = _Work(before, machine, kept, list(free), list(fixed), taken, tick)

@@ -261,8 +261,7 @@ def misfit(residual: Array, deviation: Array | None = None, under: Setting | Non
 
     It is multiplied by the e-value of how close together the samples far out lie. That has a mean
     of 1 where the sizes come in any order equally likely; as all the rest has, given that order.
-    What is rougher than noise may be, and remembers itself, tells by itself: a swing near half the
-    sample rate looks like noise in all else.
+    What is rougher than noise may be and remembers itself is none: a swing near half the rate.
 
     Args:
         residual: (L,) measured minus predicted, L >= 2.
@@ -273,9 +272,9 @@ def misfit(residual: Array, deviation: Array | None = None, under: Setting | Non
         residual = _without_start(residual, under.start)
     floor = ROUNDING * float(np.abs(residual).max())
     rough = noise_in(residual, under)
-    loud = under is not None and rough > max(under.most, floor) and _remembers(residual)
-    usual = under.most / ROUGHER if under is not None and loud else rough
-    noise = max(usual**2, floor**2, LEAST_SQUARE)
+    most = math.inf if under is None else under.most
+    loud = rough > max(most, floor) and _remembers(residual)
+    noise = max((most / ROUGHER if loud else rough) ** 2, floor**2, LEAST_SQUARE)
     scaled = residual / math.sqrt(noise)
     square = np.square(scaled)
     told = scaled
