@@ -117,7 +117,7 @@ def wait_for(recording: Path, experiments: int) -> None:
 def finished(process: Any) -> dict[str, Any]:
     """What a run with `--json` says of itself, of one that ended as it should."""
     output, errors = process.communicate(timeout=PATIENCE)
-    assert (process.returncode, errors) == (0, "")
+    assert (process.returncode, errors) == (0, ""), errors
     run: dict[str, Any] = json.loads(output)["runs"][0]
     return run
 
