@@ -74,9 +74,9 @@ def start_states_for(
     turning = bool(use) and (residuals.shaking or turns(residuals, use))
     running = any(not p.at_rest for p in residuals.pieces)
     if not ((running and (shaken or states or turning)) or (free and turning) or still):
-        known = residuals.starts
-        bases = tuple(map(basis_of, columns)) if columns else known.bases
-        return replace(known, bases=bases) if columns else known
+        if columns is None:
+            return residuals.starts
+        return replace(residuals.starts, bases=tuple(map(basis_of, columns)))
     moving = residuals.physics.shakes(values)
     return searched_start_states(
         residuals, use, moving, turning or (shaken and moving), free, step, near, still, columns
