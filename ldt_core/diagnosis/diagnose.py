@@ -19,6 +19,7 @@ from ldt_core.diagnosis.isolability import isolability
 from ldt_core.diagnosis.library import library
 from ldt_core.diagnosis.nominal_prior import known_colour, nominal_prior
 from ldt_core.diagnosis.recorded_times import without_repeats
+from ldt_core.diagnosis.standing import standing
 from ldt_core.diagnosis.thresholds import THRESHOLDS
 from ldt_core.diagnosis.verdict import decide
 from ldt_core.diagnosis.verdict_report import VerdictReport
@@ -93,7 +94,19 @@ def diagnose(
             n: {o for g in groups if n in g for o in g} - {n} for g in groups for n in g
         }
         decision = decide(search, seed, bool(fault) and only)
+        decision, against = standing(machine, search, decision, fitted, held, seed)
         report = VerdictReport(
-            machine, search, decision, fitted, held, recordings, seed, tick, fault, prior, beside
+            machine,
+            search,
+            decision,
+            fitted,
+            held,
+            recordings,
+            seed,
+            tick,
+            fault,
+            prior,
+            beside,
+            against,
         )
         return report.diagnosis(silent, groups)

@@ -237,7 +237,7 @@ class EffectSetSearch(SetFits):
 
     def _build_on(self, count: int, bases: int) -> None:
         tries = []
-        kinds = of_each_kind(self._best(count), self._near)[: 0 if self.spent else bases]
+        kinds = of_each_kind(self._best(count), self.near)[: 0 if self.spent else bases]
         for k, base in enumerate(fitted for kind in kinds for fitted in kind):
             more = [*self.additions(base, ADDED), *self.additions(base, 2 * ADDED, ADDED_CLOSE)]
             if k == 0 or count == 1:
@@ -277,14 +277,6 @@ class EffectSetSearch(SetFits):
             tries.append(TriedSet([best.effects[i] for i in kept], [best.z[i] for i in kept]))
         self._scout(tries)
 
-    def _without(self, base: EffectFit, leave: int) -> EffectFit:
-        """A scouted set without one of its members, scouted as well."""
-        kept = [i for i in range(len(base.effects)) if i != leave]
-        names = frozenset(base.effects[i].name for i in kept)
-        if names not in self.found.scouted:
-            self._scout([TriedSet([base.effects[i] for i in kept], [base.z[i] for i in kept])])
-        return self.found.scouted[names]
-
     def _about(self, base: EffectFit) -> Responses:
         """What the other effects do beside a set: some act only together with another one."""
         if base in self.beside:
@@ -319,20 +311,6 @@ class EffectSetSearch(SetFits):
         turned = self.responses.with_free_phase
         kept = [(c, z) for c, z in enough_for if c.name not in turned][:count]
         return [(c, z) for c, z in enough_for[:count] if c.name in turned] + kept
-
-    def _with(self, base: EffectFit, candidate: Candidate, start: Array) -> TriedSet:
-        """A scouted set and one more effect.
-
-        The start angles are sought beside those of the set, but not where the effect depends on
-        them more than the machine does itself.
-        """
-        if self.scout.shaking:
-            turned = any(p.cyclic for p in candidate.parameters)
-        else:
-            turned = self.scout.angular([candidate.effect])
-        members = [*base.effects, candidate]
-        known = None if turned else base.starts
-        return TriedSet(members, [*base.z[: len(base.effects)], start], known)
 
     def _in_place(self, base: EffectFit, of: Mapping[str, Collection[str]]) -> list[TriedSet]:
         """Sets with another effect in the place of a member, by the member's name."""
@@ -380,6 +358,16 @@ class EffectSetSearch(SetFits):
                 tries.append(TriedSet(members, z, base.starts))
         return tries
 
+    def _from_parts(self, base: EffectFit) -> None:
+        """Fit a set once more from each of its parts, as that alone would have it.
+
+        Where two effects may exchange what they do, this leads to the other minimum.
+        """
+        for leave, member in enumerate(base.effects if len(base.effects) > 1 else ()):
+            rest = self._without(base, leave)
+            ranked = self.responses.promised_beside(rest)
+            self._scout([self._with(rest, c, z) for c, z, _ in ranked if c.name == member.name])
+
     def alternatives(self, base: EffectFit) -> list[EffectFit]:
         """Sets that differ from a set in one member, the most promising, fitted on all."""
         tries = []
@@ -392,8 +380,9 @@ class EffectSetSearch(SetFits):
         tries += [t for b in (base, *plain) for t in self._with_twins(b)]
         fitted, best, count = self.found.scouted, frozenset(base.names), len(base.effects)
         tried = {frozenset(f.names) for f in [*plain, *self._scout(tries)]}
+        self._from_parts(base)
         # Whatever led to them: what promises little where the rest has gone astray may do as well.
         tried |= {n for n in fitted if len(n) == count == len(n & best) + 1}
         scouted, found = fitted.get(best, base), [f for n, f in fitted.items() if n in tried]
-        close = [f for f in found if self._near(f, scouted) or self._plainer(f, scouted)]
+        close = [f for f in found if self.near(f, scouted) or self._plainer(f, scouted)]
         return [self.finish(f) for f in sorted(close, key=lambda f: f.loss)[:FINISHED_RIVALS]]

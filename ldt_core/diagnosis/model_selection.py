@@ -89,6 +89,7 @@ class FittedSets:
 
     Attributes:
         base: (size,) residuals without any effect.
+        refuted: sets that held-out experiments have shown to be no answer.
     """
 
     residuals: FreeRunResiduals
@@ -97,6 +98,7 @@ class FittedSets:
     responses: Responses
     fits: dict[Names, EffectFit] = field(default_factory=dict)
     scouted: dict[Names, EffectFit] = field(default_factory=dict)
+    refuted: set[Names] = field(default_factory=set)
     _cancelling: dict[Names, bool] = field(default_factory=dict)
     _led: dict[EffectFit, EffectFit] = field(default_factory=dict)
 
@@ -143,6 +145,10 @@ class FittedSets:
         """
         found = [f for names, f in self.fits.items() if len(names) == count]
         return sorted((f for f in found if not self.cancels(f)), key=self.loss)
+
+    def standing(self, count: int) -> list[EffectFit]:
+        """Sets of so many effects without those that were refuted."""
+        return [f for f in self.of_size(count) if frozenset(f.names) not in self.refuted]
 
     def simulated_as(self, smaller: EffectFit, larger: EffectFit) -> EffectFit:
         """The smaller set, simulated as the larger one is.
@@ -197,6 +203,10 @@ def worth_more(
     plainly = THRESHOLDS.plainly_structured * limit
     # Of what laws that depart may leave, a little is left over: it has no name, down to the noise.
     rest = max(band.speed_excess(smaller.residual), 0.0)
+    if (
+        frozenset(smaller.names) in found.refuted
+    ):  # that its laws may depart does not make up for it
+        gain, left = exact, rest
     departs = left < (1 - THRESHOLDS.further_effect_of_remainder) * rest
     whole = found.left(larger) <= limit and not departs
     # What departures plainly cannot explain, and one effect nearly does, is that effect's; or what

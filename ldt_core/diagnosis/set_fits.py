@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -72,6 +73,8 @@ class SetFits:
         self.twins: dict[str, set[str]] = {}
         #: Effects whose laws are taken in detail, to where the fit of the details begins.
         self.in_detail: dict[str, Array] = {}
+        #: Where each set's fits on the scout's experiments ended; without their rows.
+        self.ends: dict[Names, list[EffectFit]] = {}
         self.workers = residuals.workers
         self.prior = prior
         self._look(residuals.of())
@@ -174,6 +177,8 @@ class SetFits:
                 part_done = min(self.residuals.work.steps / MOST_WORK, 1.0)
                 self.tick(f"fitting sets of effects, {part_done:.0%} of the most work")
                 names.append(frozenset(tried.names))
+                end = replace(tried, residual=tried.residual[:0], jacobian=tried.jacobian[:0])
+                self.ends.setdefault(names[-1], []).append(end)
                 before = self.found.scouted.get(names[-1])
                 if before is None or tried.loss < before.loss:
                     self.found.scouted[names[-1]] = tried
@@ -194,7 +199,7 @@ class SetFits:
         """Scouted sets of a size, the best first; those near the best once laws may depart."""
         found = [f for names, f in self.found.scouted.items() if len(names) == count]
         found = sorted(found, key=lambda f: f.loss)
-        near = [f for f in found[:COMPARED] if self._near(f, found[0])]
+        near = [f for f in found[:COMPARED] if self.near(f, found[0])]
         near = sorted(near, key=lambda f: f.loss - self.departures.taken(f))
         return [*near, *(f for f in found if f not in near)]
 
@@ -203,7 +208,7 @@ class SetFits:
         best = self._best(count)
         if not best:
             return
-        near = [f for f in best if self._near(f, best[0])][:FINISHED]
+        near = [f for f in best if self.near(f, best[0])][:FINISHED]
         plain = [f for f in best if f not in near and self._plainer(f, best[0])][:FINISHED_PLAINER]
         for f in (*near, *plain):
             self.finish(f)
@@ -223,7 +228,8 @@ class SetFits:
         whole = band.excess(left[0].residual) / band.excess(found.base)
         return whole > HIDDEN * part + THRESHOLDS.further_effect_of_gap
 
-    def _near(self, scouted: EffectFit, best: EffectFit) -> bool:
+    def near(self, scouted: EffectFit, best: EffectFit) -> bool:
+        """Whether a scouted set may still turn out to be better than the best of its size."""
         return scouted.loss - best.loss <= self._reach(self.band, best)
 
     @staticmethod
@@ -277,6 +283,28 @@ class SetFits:
             known=found.starts,
         )
         self.found.fits[names] = min(found, more, key=lambda f: f.loss)
+
+    def _without(self, base: EffectFit, leave: int) -> EffectFit:
+        """A scouted set without one of its members, scouted as well."""
+        kept = [i for i in range(len(base.effects)) if i != leave]
+        names = frozenset(base.effects[i].name for i in kept)
+        if names not in self.found.scouted:
+            self._scout([TriedSet([base.effects[i] for i in kept], [base.z[i] for i in kept])])
+        return self.found.scouted[names]
+
+    def _with(self, base: EffectFit, candidate: Candidate, start: Array) -> TriedSet:
+        """A scouted set and one more effect.
+
+        The start angles are sought beside those of the set, but not where the effect depends on
+        them more than the machine does itself.
+        """
+        if self.scout.shaking:
+            turned = any(p.cyclic for p in candidate.parameters)
+        else:
+            turned = self.scout.angular([candidate.effect])
+        members = [*base.effects, candidate]
+        known = None if turned else base.starts
+        return TriedSet(members, [*base.z[: len(base.effects)], start], known)
 
     def subset(self, base: EffectFit, names: Sequence[str]) -> EffectFit:
         """A part of a set, fitted on all experiments."""

@@ -15,17 +15,65 @@ from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment
 from ldt_core.diagnosis.diagnosis import HeldOutErrors
 from ldt_core.diagnosis.effect_fit import EffectFit
+from ldt_core.diagnosis.effect_set_search import EffectSetSearch
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
-from ldt_core.diagnosis.holdout import beyond_noise, errors, errors_of
+from ldt_core.diagnosis.holdout import beyond_noise, errors, errors_of, free_run, noise_there
 from ldt_core.diagnosis.sentence import not_all_alike
 from ldt_core.diagnosis.simulated_experiments import StartStates, Used
 from ldt_core.diagnosis.start_angles import ANGLE_TOLERANCE
 from ldt_core.diagnosis.thresholds import THRESHOLDS
+from ldt_core.diagnosis.verdict import Decision, choose
 from ldt_core.machine.machine_file import Machine
 from ldt_core.models.linear import LinearModel
 
 LINEAR_ORDER = 2  # of the linear model: a motor's, speed and current
 LEFT = 1 - THRESHOLDS.further_effect_of_remainder  # of a gap elsewhere, by what is no cause
+
+
+def standing(
+    machine: Machine,
+    search: EffectSetSearch,
+    decision: Decision,
+    fitted: Sequence[Experiment],
+    held: Sequence[Experiment],
+    seed: int,
+) -> tuple[Decision, str]:
+    """What was decided, or in place of a set that does not stand one that does.
+
+    A set that they have refuted is no rival of a larger one, however far its laws might depart.
+
+    Returns:
+        the decision, and why its set does not stand; "" where it does, or where it names none.
+    """
+    first = why = ""
+    now, refuted = decision, search.found.refuted
+    while now.best and now.kind != "unknown":
+        why = _against(machine, now, search, fitted, held)
+        if not why:
+            return now, ""
+        first, names = first or why, frozenset(now.best.names)
+        if names in refuted:  # nothing else is left
+            break
+        refuted.add(names)
+        now = choose(search, seed)
+    return decision, first
+
+
+def _against(
+    machine: Machine,
+    decision: Decision,
+    search: EffectSetSearch,
+    fitted: Sequence[Experiment],
+    held: Sequence[Experiment],
+) -> str:
+    """The objection to the set that was decided for."""
+    best = decision.best
+    assert best is not None
+    before = [free_run(machine, e) for e in held]
+    after = [free_run(machine, e, best.use) for e in held]
+    noise = noise_there(held, after, decision.residuals.noise[0], search.found.band.limit)
+    pair = begun_errors(machine, best, held) or (errors(held, before), errors(held, after))
+    return objection(machine, best, fitted, held, *pair, noise)
 
 
 def objection(

@@ -16,6 +16,7 @@ from ldt_core.diagnosis.effect_fit import EffectFit
 from ldt_core.diagnosis.effect_set_search import EffectSetSearch
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
 from ldt_core.diagnosis.model_selection import FittedSets, kin, plain_enough, worth_more
+from ldt_core.diagnosis.other_minima import other_minima
 from ldt_core.diagnosis.thresholds import THRESHOLDS
 
 RESAMPLES = 400  # draws of experiments for the confidence, which is then known to 0.01 near 0.95
@@ -120,8 +121,13 @@ def decide(search: EffectSetSearch, seed: int = 0, faulty: bool = False) -> Deci
         kind = "unknown" if faulty else "none"
         residuals = _with_noise(found.residuals, band.level)
         return Decision(kind, None, (), found.excess, found.excess, False, residuals, {})
-    found = search.run()
-    band = found.band
+    search.run()
+    return choose(search, seed)
+
+
+def choose(search: EffectSetSearch, seed: int) -> Decision:
+    """The verdict on what was found: effect, ambiguous or unknown."""
+    found, band = search.found, search.found.band
     best = found.of_size(1)[0]
     for size in range(1, THRESHOLDS.largest_set + 1):
         best = min([best, *found.of_size(size)[:1]], key=lambda f: band.excess(f.residual))
@@ -132,7 +138,7 @@ def decide(search: EffectSetSearch, seed: int = 0, faulty: bool = False) -> Deci
         search.alternatives(chosen)
         # A better minimum may have turned up for it, on the scout's experiments alone so far.
         search.finish(found.scouted[frozenset(chosen.names)])
-        pool = found.of_size(len(chosen.names))
+        pool = found.standing(len(chosen.names)) or [chosen]
         gap = band.speed_gap(found.base, pool[0].residual)
         alike = _alike(found, pool, gap)
         chosen = _without_the_vague(search, alike, gap)
@@ -146,6 +152,7 @@ def decide(search: EffectSetSearch, seed: int = 0, faulty: bool = False) -> Deci
     same = _agreement(found, nearest, [] if unknown else rivals, unknown, seed)
     grounds = _grounds(search, best, rivals, left, gap, same)
     residuals = _with_noise(found.residuals, band.level)
+    alike += () if unknown else other_minima(search, best, left, gap)
     return Decision(kind, best, tuple(alike), gap, left, structured, residuals, grounds)
 
 
@@ -283,7 +290,7 @@ def _growing_sets(found: FittedSets, gap: float) -> list[EffectFit]:
     """From the best effect alone, ever larger sets that are each better by enough."""
     chosen = [found.of_size(1)[0]]
     for size in range(2, THRESHOLDS.largest_set + 1):
-        pool = found.of_size(size)
+        pool = found.standing(size)
         if not pool:
             continue
         # Of the sets that are as good as the best, one that has not run to its end, with the fewest

@@ -50,6 +50,7 @@ from ldt_core.diagnosis.nominal import (
     with_all,
 )
 from ldt_core.diagnosis.nominal_prior import NOMINAL, NominalPrior, merged
+from ldt_core.diagnosis.other_minima import as_well, undetermined
 from ldt_core.diagnosis.promise import determined, further_interval
 from ldt_core.diagnosis.recorded_times import counted_speed
 from ldt_core.diagnosis.recorded_units import misread
@@ -61,7 +62,7 @@ from ldt_core.diagnosis.residual_torque import (
 )
 from ldt_core.diagnosis.sentence import not_measured, not_seen, not_standing, sentence
 from ldt_core.diagnosis.simulated_experiments import Used
-from ldt_core.diagnosis.standing import begun_errors, objection, unlike
+from ldt_core.diagnosis.standing import begun_errors, unlike
 from ldt_core.diagnosis.thresholds import THRESHOLDS
 from ldt_core.diagnosis.verdict import Decision
 from ldt_core.estimation.doubtful_speed import speed_doubt
@@ -106,9 +107,13 @@ class VerdictReport:
     fault: str
     prior: NominalPrior | None
     beside: str
+    #: Why what fitted best is not the answer after all; "" if it is.
+    objection: str
 
     def __post_init__(self) -> None:
         d = self.decision
+        if self.objection:
+            d = self.decision = replace(d, kind="unknown")
         #: Whether nothing was sought, for no experiment can be trusted.
         self.faulty = bool(self.fault) and d.kind == "unknown" and d.best is None
         self.residuals = d.residuals
@@ -116,8 +121,6 @@ class VerdictReport:
         self.alone = self.search.found.fits[frozenset()]
         self.named = d.best if d.kind in ("effect", "ambiguous") else None
         self.use = self.named.use if self.named else []
-        #: Why what fitted best is not the answer after all.
-        self.objection = ""
 
     def diagnosis(self, silent: list[str], groups: list[list[str]]) -> Diagnosis:
         """All of it."""
@@ -129,13 +132,6 @@ class VerdictReport:
         noise = noise_there(self.held, after, self.residuals.noise[0], band)
         was, now = errors(self.held, before), errors(self.held, after)
         begun = begun_errors(self.machine, self.named, self.held) if self.named else None
-        if self.named:
-            self.objection = objection(
-                self.machine, self.named, self.fitted, self.held, *(begun or (was, now)), noise
-            )
-        if self.objection:
-            d = self.decision = replace(d, kind="unknown")
-            self.named, self.use, after, now = None, [], before, was
         still = rms(np.concatenate([e.speed for e in self.held]))
         blind = d.kind == "none" and was.rmse >= still
         off = d.kind == "none" and unlike(self.machine, self.alone, self.fitted, self.held, noise)
@@ -159,7 +155,7 @@ class VerdictReport:
         gap = Gap(noise, was, now, part, interval, by)
         where = self._where()
         fitted = amounts(whole, d.left, d.excess) if self.named else {}
-        found = with_masses(self.machine, fitted)
+        found = undetermined(with_masses(self.machine, fitted), self.named, d.alike)
         left = share(d.left / d.excess) if d.kind != "none" and d.excess > 0 else None
         acting = d.acting if self.named else []
         effects = list(dict.fromkeys(n for group in acting for n in group))
@@ -263,7 +259,8 @@ class VerdictReport:
         more = self._may_act_too()
         early = self.search.spent and self.decision.kind != "none"
         limit = "the search ended at its limit of work: other sets of effects were not tried"
-        told = (f"{few} {same}" if cut else "", self.beside, units, first, ends, scale, more)
+        other = as_well(self.named, self.decision.alike)
+        told = (f"{few} {same}" if cut else "", self.beside, units, first, ends, scale, more, other)
         return [note for note in (*told, limit if early else "") if note]
 
     def _may_act_too(self) -> str:

@@ -198,6 +198,7 @@ class Exact:
     """Sets whose laws depart from the machine's in nothing."""
 
     excess, base, own_laws = GAP, np.zeros(1), 0.0
+    refuted = frozenset()
 
     def __init__(self, band):
         self.band = band
@@ -402,6 +403,18 @@ def test_what_departures_nearly_explain_is_no_further_effect(beyond, named):
     found.left = lambda f: {smaller: beyond, larger: 0.02 * beyond}[f]
     found.behind = lambda f, best: 2 * THRESHOLDS.chance_gain
     assert worth_more(found, smaller, larger, GAP) is named
+
+
+def test_a_set_that_was_refuted_does_not_keep_out_what_it_lacks():
+    """An inertia left four times what a linear model does; of a sensor's lag beside it, 0.1 %."""
+    found = Exact(SpeedBand())
+    smaller = fitted("inertia", left=0.03 * GAP)
+    larger = fitted("inertia", "sensor_lag", left=0.2 * 0.03 * GAP)
+    found.left = lambda f: 0.1 * f.loss  # laws that depart could explain most of what is left
+    found.behind = lambda f, best: found.left(f) - found.left(best)
+    assert not worth_more(found, smaller, larger, GAP)
+    found.refuted = {frozenset(["inertia"])}
+    assert worth_more(found, smaller, larger, GAP)
 
 
 def test_what_matters_to_no_prediction_earns_no_name():

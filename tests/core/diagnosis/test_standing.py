@@ -220,3 +220,21 @@ def test_an_effect_that_hardly_acts_in_what_is_held_out_is_not_refuted():
     now = errors(held, [free_run(MOTOR, e, [(limit, {"limit": 6.0})]) for e in held])
     assert now.rmse >= was.rmse > NOISE
     assert objection(MOTOR, fit, experiments[:4], held, was, now, NOISE) == ""
+
+
+def test_amounts_that_two_effects_may_exchange_are_not_told_as_known():
+    """A light motor behind a slow sensor answers as a heavy one behind a fast sensor does."""
+    made = record(MOTOR, "inertia:factor=2.2", "sensor_lag:time_constant=0.04", count=4)
+    effects = [get_effect(n) for n in ("inertia", "sensor_lag", "viscous_friction")]
+    found = diagnose(MOTOR, made, effects=effects, workers=1)
+    assert sorted(found.verdict.effects) == ["inertia", "sensor_lag"]
+    told = {c.effect: c.parameters for c in found.candidates}
+    assert told["inertia"]["factor"].ci95 is None
+    assert told["sensor_lag"]["time_constant"].ci95 is None
+    assert any(note.startswith("other amounts explain as much: inertia") for note in found.notes)
+    factors = [
+        {e["effect"]: e["parameters"] for e in use}["inertia"]["factor"]
+        for use in (found.effects, *found.alternatives)
+    ]
+    assert max(factors) == pytest.approx(2.2, rel=0.1)
+    assert min(factors) < 0.5
