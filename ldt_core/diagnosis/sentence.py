@@ -76,10 +76,12 @@ def sentence(
             f"Where the start state is unknown, {that} cannot be predicted "
             f"({gap.after.rmse:.3g} rad/s)."
         )
+    more = gap.after.rmse**2 > THRESHOLDS.plainly_structured * gap.noise_std**2
+    rest = " What is left is more than noise, and its cause is not known." if more else ""
     return (
         f"{what[0].upper()}{what[1:]}{closed}{place}; adding {that} cuts the error on "
         f"held-out experiments from {gap.before.rmse:.3g} to {gap.after.rmse:.3g} rad/s, noise is "
-        f"{gap.noise_std:.3g}."
+        f"{gap.noise_std:.3g}.{rest}"
     )
 
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from ldt_core.diagnosis.diagnosis import Gap, GapLocation, HeldOutErrors
+from ldt_core.diagnosis.diagnosis import Gap, GapLocation, HeldOutErrors, ParameterAmount
 from ldt_core.diagnosis.sentence import sentence
 
 GAP = Gap(0.1, HeldOutErrors(2.0, 5.0), HeldOutErrors(2.0, 5.0), None, None, [])
@@ -60,3 +60,15 @@ def test_an_error_far_beyond_the_noise_is_never_said_to_be_the_noise(rmse, is_no
     assert words.startswith("No gap")
     assert ("which is the noise" in words) is is_noise
     assert f"{rmse:g} rad/s" in words
+
+
+@pytest.mark.parametrize(("left", "more"), [(0.15, False), (0.5, True)])
+def test_what_a_cause_leaves_beyond_the_noise_is_said_to_have_none(left, more):
+    """A clutch that slips was an inertia that "explains 100% of the gap", at five times the noise.
+
+    What it explains is right, and so is that this is not all.
+    """
+    gap = replace(GAP, after=HeldOutErrors(left, 2 * left), closed_fraction=1.0)
+    amount = {"inertia": {"factor": ParameterAmount(0.55, "", (0.53, 0.57))}}
+    words = sentence("rig", "effect", [["inertia"]], amount, gap, (), 0.0)
+    assert ("its cause is not known" in words) is more
