@@ -213,8 +213,8 @@ class Diagnosis:
     Attributes:
         experiments: numbers under `fit` and `held_out`.
         effects: the verdict's effects as `ldt predict --with` adds them: name or file, parameters.
-        alternatives: the sets that are as good as the verdict's, which the recording cannot tell
-            from it, in the form of `effects`.
+        alternatives: sets, or other amounts, that are as good as the verdict's, which the recording
+            cannot tell from it, in the form of `effects`.
         seen: voltage and speed to the least and the largest that was recorded.
         machine_file: as it was given, or the name with `.yaml` of a machine that ships with LDT.
     """
