@@ -20,8 +20,7 @@ from ldt_core.diagnosis.effect_fit import EffectFit, by_member
 from ldt_core.diagnosis.effect_set_search import EffectSetSearch
 from ldt_core.diagnosis.nominal_prior import masses_leave_open
 from ldt_core.machine.machine_file import Machine
-from ldt_core.physics.machine_sizes import is_limit
-from ldt_core.physics.parameter import logarithmic
+from ldt_core.physics.machine_sizes import is_amount
 
 DEVIATIONS = 1.96  # half width of a 95 % interval of a normal distribution
 REMAINDER_SHAPES = 3.0  # independent shapes that a remainder is taken to consist of
@@ -98,8 +97,7 @@ def vague(fit: EffectFit, left: float, gap: float) -> list[str]:
         amount = [
             abs(z[j]) > DEVIATIONS * spread[j]
             for j, p in enumerate(c.parameters)
-            if p.default == 0 or (logarithmic(p) and not is_limit(p))
-            if not p.cyclic
+            if is_amount(p)
         ]
         if amount and not any(amount):
             found.append(c.name)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +17,7 @@ from ldt_core.estimation.grey_box_fit import FIRST_ROUNDS
 from ldt_core.estimation.grey_box_problem import DIFFERENCE, LEAST_GAIN, GreyBoxProblem
 from ldt_core.machine.machine_file import Machine
 from ldt_core.physics.effect import Effect
+from ldt_core.physics.parameter import SMALLEST
 
 #: Gauss-Newton steps of the screening; under the observer an effect is found in two or three.
 SCREENING_STEPS = 4
@@ -172,9 +173,14 @@ class Screening:
             asked = [[guess] for guess in guesses]
         found = iter(rows_at([q for some in asked for q in some]))
         tried = [[next(found) for _ in some] for some in asked]
-        first = int(np.argmin([float(rows @ rows) for rows, *_ in tried]))
+        first = int(np.argmin([_squares(rows) for rows, *_ in tried]))
         q, (rows, *moved) = guesses[first], tried[first]
-        best = float(rows @ rows)
+        best = _squares(rows)
+        if not box.amounts.all():
+            shapes = [rows for rows, *_ in tried]
+            there, reached = self._resized(box, present, guesses, shapes, rows_at)
+            if _squares(reached) < best:
+                best, q, rows, moved = _squares(reached), there, reached, []
         for left in reversed(range(SCREENING_STEPS)):
             moved = moved or rows_at(beside(q))
             by = _differences(q, high)
@@ -202,6 +208,29 @@ class Screening:
             if gained < LEAST_GAIN:
                 break
         return best, q, rows
+
+    def _resized(
+        self,
+        box: GreyBox,
+        present: Present,
+        guesses: Sequence[Array],
+        found: Sequence[Array],
+        rows_at: Callable[[Sequence[Array]], list[Array]],
+    ) -> tuple[Array, Array]:
+        """The guess of the best shape at its best size, both to first order, and its rows.
+
+        One of the right shape may be far too large, and err more than all others.
+        """
+        k = len(box.uncertain)
+        without = box.neutral_guess(present.given)
+        (neutral,) = rows_at([without])
+        changes = [rows - neutral for rows in found]
+        sizes = [max(0.0, -float(neutral @ c) / max(_squares(c), SMALLEST)) for c in changes]
+        left = [_squares(neutral + s * c) for s, c in zip(sizes, changes, strict=True)]
+        i = int(np.argmin(left))
+        best = np.where(box.amounts, without + sizes[i] * (guesses[i] - without), guesses[i])
+        best = np.clip(best, box.low[k:], box.high[k:])
+        return best, rows_at([best])[0]
 
 
 def _squares(rows: Array) -> float:

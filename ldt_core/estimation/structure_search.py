@@ -1,9 +1,10 @@
 """Which effects to add to a machine so that it explains an experiment: a search over structures.
 
 Every effect of a library is tried, beside those that are there and in their place, under the
-observer of `grey_box`, which needs few steps; then a further one beside the best, and so on. The
-machine's uncertain parameters are eliminated to first order meanwhile, under their prior: what they
-explain as well is no evidence for an effect.
+observer of `grey_box`, which needs few steps; then a further one beside the best, and so on. What
+comes with it is then tried beside the rivals of the one before, too (a beam search). The machine's
+uncertain parameters are eliminated to first order meanwhile, under their prior: what they explain
+as well is no evidence for an effect.
 The best structures are then fitted whole, and ranked by the squared residuals plus the price of
 their parameters (Bayesian information criterion: Schwarz, Annals of Statistics 6, 1978).
 """
@@ -243,8 +244,7 @@ class StructureSearch(Screening):
             begin = Present(plain.box.effects, known, plain.prior)
             basis, silent = self.machine_slopes(begin, WEAKEST)
             asked = basis, WEAKEST, np.zeros_like(silent)
-            screened = [self._screen(begin, tried, asked, i) for i in range(len(tried))]
-            yield sum(one.work for one in screened)
+            screened = yield from self._screened_all([begin] * len(tried), tried, asked)
             least = min(range(len(tried)), key=lambda i: screened[i].cost)
             laws, known = tried[least], screened[least].given
         laws = tuple(e.finest for e in laws)
@@ -295,6 +295,7 @@ class StructureSearch(Screening):
         it leaves noise without any effect: the cause is one that it hides.
         """
         found: list[Present] = []
+        serious: list[Present] = []
         led = False
         while len(present.effects) < MOST_EFFECTS:
             here = {e.name for e in present.effects}
@@ -307,12 +308,14 @@ class StructureSearch(Screening):
             if not found and before.explains and gain > WEAKEST:
                 break
 
-            results: list[Screened] = []
-            for begin in range(0, len(tried), AT_ONCE):
-                some = tried[begin : begin + AT_ONCE]
-                screen = functools.partial(self._screen, present, some, (basis, gain, silent))
-                results += spread(screen, len(some), self.workers)
-                yield sum(screened.work for screened in results[begin:])
+            asked = basis, gain, silent
+            results = yield from self._screened_all([present] * len(tried), tried, asked)
+            # What is the best alone need not be part of the best pair: its rivals are tried, too.
+            last = tried[int(np.argmin([r.cost for r in results]))][-1]
+            others = [p for p in serious[1:] if last not in p.effects]
+            pairs = [(*p.effects, last) for p in others]
+            results += yield from self._screened_all(others, pairs, asked)
+            tried += pairs
             order = sorted(range(len(tried)), key=lambda i: results[i].cost)
             best = results[order[0]]
             if not best.cost < before.cost:
@@ -320,25 +323,43 @@ class StructureSearch(Screening):
             # What recovers less than half of what the best does is no rival of it.
             limit = best.cost + SERIOUS * (before.cost - best.cost)
             rigid = len(self.machine.model.states) == CURRENT + 1
-            found = [
+            serious = [
                 Present(tried[i], results[i].given, present.prior)
-                for place, i in enumerate(order[: MOST_FINALISTS if rigid else FINALISTS])
-                if results[i].cost <= (limit if place < FINALISTS else best.cost + CLOSE)
+                for i in order
+                if results[i].cost <= limit
             ]
+            most = best.cost + CLOSE
+            close = sum(r.cost <= most for r in results) if rigid else 0
+            found = serious[: max(FINALISTS, min(MOST_FINALISTS, close))]
             led = best.explains
             if led or self._hopeless(present, before, [results[i] for i in order]):
                 break
             present = found[0]
         return led, found
 
+    def _screened_all(
+        self,
+        present: Sequence[Present],
+        tried: Sequence[tuple[Effect, ...]],
+        how: tuple[Array, float, NDArray[np.bool_]],
+    ) -> Pausable[list[Screened]]:
+        """Each of the structures tried, beginning with what is present beside it."""
+        results: list[Screened] = []
+        for begin in range(0, len(tried), AT_ONCE):
+            pairs = list(zip(present, tried, strict=True))[begin : begin + AT_ONCE]
+
+            screen = functools.partial(self._screen, pairs, how)
+            results += spread(screen, len(pairs), self.workers)
+            yield sum(screened.work for screened in results[begin:])
+        return results
+
     def _screen(
         self,
-        present: Present,
-        tried: Sequence[tuple[Effect, ...]],
+        pairs: Sequence[tuple[Present, Sequence[Effect]]],
         how: tuple[Array, float, NDArray[np.bool_]],
         i: int,
     ) -> Screened:
-        return self.screened(present, tried[i], *how)
+        return self.screened(*pairs[i], *how)
 
     def _hopeless(self, present: Present, before: Screened, ranked: Sequence[Screened]) -> bool:
         """Whether further effects cannot be hoped to gain what is missing.

@@ -303,3 +303,36 @@ def test_a_fit_that_begins_near_the_minimum_ends_there_sooner(monkeypatch):
     assert near.explains
     assert near.fit.cost < anew.fit.cost + 1.0
     assert simulated < 0.5 * sum(asked)
+
+
+@pytest.mark.parametrize(
+    ("truth", "seed", "count", "hold", "period", "noise"),
+    [
+        # Neither is the best alone: a spring load was, and stayed in the place of the load.
+        ({"constant_load": {"torque": 0.02}, "brush_drop": {"voltage": 0.5}}, 4, 2000, 300, 1, 0.1),
+        # A ripple far smaller than the guesses: of those, one of a wrong shape erred least.
+        (
+            {
+                "coulomb_friction": {"torque": 0.002},
+                "cogging_torque": {"torque": 4e-3, "periods": 6},
+            },
+            *(1, 300, 40, 10, 0.002),
+        ),
+    ],
+    ids=["load and brushes", "friction and cogging"],
+)
+def test_two_causes_at_once_are_found(truth, seed, count, hold, period, noise):
+    """Which were missed: half of the error was left until a flexible model had learned it."""
+    machine = DC.with_parameters(J=1e-3, K_t=0.055, R=1.0, L=1e-3, b=1e-4)
+    use = [get_effect(name).used(given) for name, given in truth.items()]
+    levels = np.random.default_rng(seed).uniform(-12, 12, -(-count // hold))
+    volts = np.repeat(levels, hold)[:count]
+    start = machine.model.initial_state(machine.parameters, 0.0)
+    states = machine.model.simulate(machine.parameters, volts, period * 1e-3, start, use)
+    speed = states[:, 1] + noise * np.random.default_rng(2).standard_normal(count)
+    e = Experiment(1, 0.0, period * 1e-3, voltage=volts, speed=speed)
+    (found,) = finished(GreyBoxModel(machine).with_other_causes([e]))
+    assert found.given.keys() == truth.keys()
+    for name, given in truth.items():
+        for parameter, value in given.items():
+            assert found.given[name][parameter] == pytest.approx(value, rel=0.02)
