@@ -154,20 +154,57 @@ def test_a_record_makes_the_same_model():
 RISING = {"torque": 0.05, "presliding": 0.03, "change": -0.35, "velocity": 40.0}
 
 
+def knowing(effects, intervals, alike=()):
+    """A version in which these effects act, by amounts that are known so well."""
+    plain = GreyBoxModel(DC).parameters
+    told = {"effects": effects, "intervals": intervals, "alike": list(alike)}
+    return GreyBoxModel(DC, {**plain, **told}, 1)
+
+
 def test_what_is_not_told_apart_belongs_to_its_effect_and_has_not_gone():
     """ "Input deadzone has grown ...; coulomb friction has gone (or coulomb friction: ...)"."""
-    plain = GreyBoxModel(DC).parameters
-    drag = {"quadratic_drag": {"c": 1e-5}}
-    before = GreyBoxModel(
-        DC, {**plain, "effects": {**drag, "coulomb_friction": {"torque": 0.01}}}, 1
-    )
+    drag, known = {"quadratic_drag": {"c": 1e-5}}, {"quadratic_drag": {"c": [9e-6, 1.1e-5]}}
+    friction = {"coulomb_friction": {"torque": [0.009, 0.011]}}
+    before = knowing({**drag, "coulomb_friction": {"torque": 0.01}}, {**known, **friction})
     after = {**drag, "input_deadzone": {"width": 0.3}}
-    told = {**plain, "effects": after, "alike": ["coulomb_friction"]}
-    words = GreyBoxModel(DC, told, 2).change(before)
-    assert words == "input deadzone has grown to 0.3 V (or coulomb friction: not told apart)"
-    told = {**plain, "effects": {**after, "quadratic_drag": {"c": 2e-5}}, "alike": []}
-    words = GreyBoxModel(DC, told, 2).change(before)
-    assert words.endswith("input deadzone has grown to 0.3 V; coulomb friction has gone")
+    width = {"input_deadzone": {"width": [0.28, 0.32]}}
+    words = knowing(after, {**known, **width}, ["coulomb_friction"]).change(before)
+    grown = "input deadzone has grown to 0.300 ± 0.02 V"
+    assert words == f"{grown} (or coulomb friction: not told apart)"
+    more = {"quadratic_drag": {"c": [1.8e-5, 2.2e-5]}, **width}
+    words = knowing({**after, "quadratic_drag": {"c": 2e-5}}, more).change(before)
+    assert words.endswith(f"{grown}; coulomb friction has gone")
+
+
+def test_a_cause_is_named_only_where_its_amount_is_known():
+    """Else it is said that what has changed is not known; nor is what chance moves a change."""
+    before = GreyBoxModel(DC)
+    friction = {"coulomb_friction": {"torque": 0.01}}
+    none = {"coulomb_friction": {"torque": [0.0, 0.02]}}
+    assert knowing(friction, none).change(before) == (
+        "what has changed is not known: coulomb friction may be none at all"
+    )
+    words = "what has changed is not known: how much coulomb friction acts is not determined"
+    for unknown in ({"coulomb_friction": {"torque": None}}, {}):
+        assert knowing(friction, unknown).change(before) == words
+    known = knowing(friction, {"coulomb_friction": {"torque": [0.009, 0.011]}})
+    assert known.change(before) == "coulomb friction has grown to 0.0100 ± 0.001 N m"
+    assert before.change(knowing(friction, none)) == ""  # it was never said to act
+    other = {"coulomb_friction": {"torque": [0.0105, 0.0125]}}
+    assert knowing({"coulomb_friction": {"torque": 0.0115}}, other).change(known) == ""
+    assert known.change(before, {"coulomb_friction": "why"}).endswith("is not known: why")
+
+
+def test_an_amount_has_the_interval_that_its_law_leaves():
+    """A twentieth of what it explains at least, of which no remainder tells; and the truth."""
+    (first,) = experiments(DC, 1, [("constant_load", {"torque": 0.05})], seed=8)
+    (found,) = finished(GreyBoxModel(DC).with_other_causes([first]))
+    low, high = found.intervals("constant_load")["torque"]
+    assert low < 0.05 < high
+    assert 0.02 < (high - low) / 0.05 < 0.2
+    assert not found.explains_without(found.effects[0], [first])
+    (same,) = experiments(DC, 1, seed=8)
+    assert found.explains_without(found.effects[0], [same])
 
 
 def test_a_law_that_falls_short_is_taken_in_detail():

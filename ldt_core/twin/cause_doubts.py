@@ -1,0 +1,82 @@
+"""Which causes of a version may not be told to people as what has changed, and why.
+
+A prediction may use what a sentence may not claim.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+
+from ldt_core.base.experiment import Experiment
+from ldt_core.base.sentences import spoken
+from ldt_core.base.threads import one_thread
+from ldt_core.effects.change_description import apart
+from ldt_core.models.base import Model
+from ldt_core.models.cause_change import has_moved, is_named
+from ldt_core.models.grey_box import GreyBoxModel
+from ldt_core.physics.effect import Effect
+from ldt_core.twin.training_data import too_short
+
+#: Turns, between rise and fall, from which on an amount is another one each time: a machine that is
+#: repaired has one.
+TURNS = 2
+
+
+def doubts(
+    model: Model, before: Model, earlier: Sequence[Model], experiments: Sequence[Experiment]
+) -> dict[str, str]:
+    """Names of effects that are not known to act, and why.
+
+    One that the experiments are explained without as well, by the machine's own parameters within
+    their tolerances: that it acts would rest on the machine not having changed. And one whose
+    amount goes up and down from version to version, beyond chance: each contradicts the last.
+
+    Args:
+        model: that comes into force.
+        before: that was in force.
+        earlier: that were in force before, `before` the last.
+        experiments: the newest, or the last ones of few samples.
+    """
+    if not isinstance(model, GreyBoxModel):
+        return {}
+    known = before if isinstance(before, GreyBoxModel) else None
+    found = {}
+    for effect in model.effects:
+        if not (is_named(model, effect) and has_moved(model, known, effect)):
+            continue
+        name = spoken(effect.name)
+        if _turns(effect, [*earlier, model]) >= TURNS:
+            found[effect.name] = f"the {name} that explains it is another one each time"
+        elif _needless(model, effect, experiments):
+            found[effect.name] = f"the machine's own parameters explain it without {name}, too"
+    return found
+
+
+def _needless(model: GreyBoxModel, effect: Effect, experiments: Sequence[Experiment]) -> bool:
+    if too_short(experiments):
+        return False
+    with one_thread():
+        return model.explains_without(effect, experiments)
+
+
+def _turns(effect: Effect, versions: Sequence[Model]) -> int:
+    """How often the amount of an effect turned between rise and fall, in the last versions that
+    have it in a row; models that know of no causes are none of the row.
+    """
+    row: list[GreyBoxModel] = []
+    for version in reversed(versions):
+        if isinstance(version, GreyBoxModel):
+            if effect.name not in version.given:
+                break
+            row.insert(0, version)
+    most = 0
+    for p in effect.parameters:
+        ends = [e for m in row if (e := m.intervals(effect.name).get(p.name)) is not None]
+        ways, last = [], ends[0] if ends else None
+        for here in ends[1:]:
+            if way := apart(last, here):
+                ways.append(way)
+                last = here
+        most = max(most, sum(one != other for one, other in itertools.pairwise(ways)))
+    return most
