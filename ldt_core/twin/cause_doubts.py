@@ -9,13 +9,14 @@ import itertools
 from collections.abc import Sequence
 
 from ldt_core.base.experiment import Experiment
-from ldt_core.base.sentences import spoken
+from ldt_core.base.sentences import listed, spoken
 from ldt_core.base.threads import one_thread
 from ldt_core.effects.change_description import apart
 from ldt_core.models.base import Model
 from ldt_core.models.cause_change import has_moved, is_named
 from ldt_core.models.grey_box import GreyBoxModel
 from ldt_core.physics.effect import Effect
+from ldt_core.physics.machine_sizes import is_amount, is_limit
 from ldt_core.twin.training_data import too_short
 
 #: Turns, between rise and fall, from which on an amount is another one each time: a machine that is
@@ -29,8 +30,8 @@ def doubts(
     """Names of effects that are not known to act, and why.
 
     One that the experiments are explained without as well, by the machine's own parameters within
-    their tolerances: that it acts would rest on the machine not having changed. And one whose
-    amount goes up and down from version to version, beyond chance: each contradicts the last.
+    their tolerances: that it acts would rest on the machine not having changed. And one that
+    contradicts itself from version to version, beyond chance.
 
     Args:
         model: that comes into force.
@@ -46,8 +47,11 @@ def doubts(
         if not (is_named(model, effect) and has_moved(model, known, effect)):
             continue
         name = spoken(effect.name)
-        if _turns(effect, [*earlier, model]) >= TURNS:
+        if _contradicts(effect, [*earlier, model]):
             found[effect.name] = f"the {name} that explains it is another one each time"
+            if effect.states:
+                states = listed(map(spoken, effect.states))
+                found[effect.name] += f" (nobody measures its {states} at the start)"
         elif _needless(model, effect, experiments):
             found[effect.name] = f"the machine's own parameters explain it without {name}, too"
     return found
@@ -60,9 +64,11 @@ def _needless(model: GreyBoxModel, effect: Effect, experiments: Sequence[Experim
         return model.explains_without(effect, experiments)
 
 
-def _turns(effect: Effect, versions: Sequence[Model]) -> int:
-    """How often the amount of an effect turned between rise and fall, in the last versions that
-    have it in a row; models that know of no causes are none of the row.
+def _contradicts(effect: Effect, versions: Sequence[Model]) -> bool:
+    """Whether the last versions that have an effect in a row cannot all be right about it.
+
+    What says how much of it there is may grow, and fall when the machine is repaired; all else is
+    the machine's for good, but for the angle at the start. Flexible models are none of the row.
     """
     row: list[GreyBoxModel] = []
     for version in reversed(versions):
@@ -70,13 +76,22 @@ def _turns(effect: Effect, versions: Sequence[Model]) -> int:
             if effect.name not in version.given:
                 break
             row.insert(0, version)
-    most = 0
     for p in effect.parameters:
-        ends = [e for m in row if (e := m.intervals(effect.name).get(p.name)) is not None]
-        ways, last = [], ends[0] if ends else None
-        for here in ends[1:]:
-            if way := apart(last, here):
-                ways.append(way)
-                last = here
-        most = max(most, sum(one != other for one, other in itertools.pairwise(ways)))
-    return most
+        ways = _ways([m.intervals(effect.name).get(p.name) for m in row])
+        turns = sum(one != other for one, other in itertools.pairwise(ways))
+        lasts = not (is_amount(p) or is_limit(p) or p.cyclic)
+        if turns >= TURNS or (lasts and ways):
+            return True
+    return False
+
+
+def _ways(intervals: Sequence[tuple[float, float] | None]) -> list[int]:
+    """Its changes beyond chance: 1 where it rises, -1 where it falls."""
+    ways, last = [], None
+    for here in intervals:
+        way = apart(last, here)
+        if way:
+            ways.append(way)
+        if way or last is None:
+            last = here
+    return ways
