@@ -61,10 +61,11 @@ def intervals_of(found: FittedStructure, told: Array) -> dict[str, dict[str, lis
     prior += 1e-9 * np.eye(box.size)
     left = rest.size * (rms(rest) ** 2 / noise**2 - 1)
     much = k + np.flatnonzero(box.amounts)
-    of_amounts = np.linalg.inv(np.linalg.inv(told + prior)[np.ix_(much, much)])
+    of_amounts = _inverse(_inverse(told + prior)[np.ix_(much, much)])
     gap = float(fit.q[much] @ of_amounts @ fit.q[much])
     information = told / shown_variance(left, gap) + prior
-    spread = np.sqrt(np.diag(np.linalg.inv(information)))
+    variance = np.diag(_inverse(information))
+    spread = np.sqrt(np.where(variance > 0, variance, np.inf))  # below 0 by rounding
     known = spread < UNDETERMINED
     half = DEVIATIONS * np.where(known, spread, 0.0)
     ends = [box.values(fit.q + side * half)[1] for side in (-1, 1)]
@@ -73,3 +74,9 @@ def intervals_of(found: FittedStructure, told: Array) -> dict[str, dict[str, lis
         e.name: {n: [low[n], high[n]] if next(determined) else None for n in low}
         for (e, low), (_, high) in zip(*ends, strict=True)
     }
+
+
+def _inverse(matrix: Array) -> Array:
+    """Of a positive definite one; coordinates of any sizes."""
+    size = np.sqrt(np.diag(matrix))
+    return np.linalg.inv(matrix / np.outer(size, size)) / np.outer(size, size)

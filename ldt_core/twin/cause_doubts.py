@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
+from contextlib import suppress
 
 from ldt_core.base.experiment import Experiment
 from ldt_core.base.sentences import listed, spoken
@@ -17,7 +18,7 @@ from ldt_core.models.cause_change import has_moved, is_named
 from ldt_core.models.grey_box import GreyBoxModel
 from ldt_core.physics.effect import Effect
 from ldt_core.physics.machine_sizes import is_amount, is_limit
-from ldt_core.twin.training_data import too_short
+from ldt_core.twin.candidates import UNLEARNABLE
 
 #: Turns, between rise and fall, from which on an amount is another one each time: a machine that is
 #: repaired has one.
@@ -58,29 +59,27 @@ def doubts(
 
 
 def _needless(model: GreyBoxModel, effect: Effect, experiments: Sequence[Experiment]) -> bool:
-    if too_short(experiments):
-        return False
-    with one_thread():
+    with one_thread(), suppress(*UNLEARNABLE):
         return model.explains_without(effect, experiments)
+    return False
 
 
 def _contradicts(effect: Effect, versions: Sequence[Model]) -> bool:
-    """Whether the last versions that have an effect in a row cannot all be right about it.
+    """Whether versions that name an effect cannot all be right about it.
 
-    What says how much of it there is may grow, and fall when the machine is repaired; all else is
-    the machine's for good, but for the angle at the start. Flexible models are none of the row.
+    What says how much of it there is may grow, fall when the machine is repaired, and begin anew
+    when it had gone; all else is the machine's for good, but for the angle at the start.
     """
-    row: list[GreyBoxModel] = []
-    for version in reversed(versions):
-        if isinstance(version, GreyBoxModel):
-            if effect.name not in version.given:
-                break
-            row.insert(0, version)
+    causes = [m for m in versions if isinstance(m, GreyBoxModel)]
+    naming = [m for m in causes if is_named(m, effect)]
+    gone = max((i for i, m in enumerate(causes) if effect.name not in m.given), default=-1)
+    row = [m for m in causes[gone + 1 :] if m in naming]
     for p in effect.parameters:
-        ways = _ways([m.intervals(effect.name).get(p.name) for m in row])
+        amount = is_amount(p) or is_limit(p)
+        known = [m.intervals(effect.name)[p.name] for m in (row if amount else naming)]
+        ways = _ways(known)
         turns = sum(one != other for one, other in itertools.pairwise(ways))
-        lasts = not (is_amount(p) or is_limit(p) or p.cyclic)
-        if turns >= TURNS or (lasts and ways):
+        if turns >= TURNS or (ways and not amount and not p.cyclic):
             return True
     return False
 

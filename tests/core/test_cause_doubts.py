@@ -61,9 +61,11 @@ EACH_TIME = "that explains it is another one each time"
 def test_what_is_the_machines_for_good_does_not_change(loaded):
     """A warming of another time constant is another cause, or began warm."""
     warm = [{"thermal_resistance": 3.0, "time_constant": t} for t in (50.0, 20.0)]
-    found = doubt([PLAIN, *row(HEATING, *warm)], loaded)
-    assert EACH_TIME in found[HEATING]
-    assert "temperature rise at the start" in found[HEATING]
+    first, last = row(HEATING, *warm)
+    for versions in ([PLAIN, first, last], [first, PLAIN, last]):
+        found = doubt(versions, loaded)
+        assert EACH_TIME in found[HEATING]
+        assert "temperature rise at the start" in found[HEATING]
 
 
 def test_versions_before_it_went_are_no_part_of_the_row(loaded):
