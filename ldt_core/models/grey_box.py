@@ -15,7 +15,6 @@ from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment, Prediction, rms
 from ldt_core.base.pausable import Pausable, finished
 from ldt_core.effects import EFFECTS
-from ldt_core.effects.change_description import Intervals
 from ldt_core.estimation.amount_interval import intervals_of
 from ldt_core.estimation.effect.start_angle import FoundAngle, believe, together
 from ldt_core.estimation.grey_box import ANGLES, COARSE_STEP, Case, GreyBox, Prior
@@ -23,7 +22,7 @@ from ldt_core.estimation.misfit import misfit, noise_in, setting
 from ldt_core.estimation.structure_screening import Present
 from ldt_core.estimation.structure_search import FittedStructure, StructureSearch
 from ldt_core.models.base import Model
-from ldt_core.models.cause_change import change_of_causes
+from ldt_core.models.causes import Causes, intervals_in
 from ldt_core.physics.effect import Effect
 
 #: Directions in which the parameters are least known, along which a prediction is spread out.
@@ -120,6 +119,11 @@ class GreyBoxModel(Model):
         self.angle = believe(self.seen, self.turn) if self.turn > 0 else None
         noise = self.parameters["noise_std"]
         self.noise_std = None if noise is None else float(noise)
+        of_file = tuple(effect.name for effect, _ in self.machine.effects)
+        known = intervals_in(self.parameters.get("intervals", {}))  # older recordings have none
+        alike = tuple(self.parameters["alike"])
+        #: What acts, as far as this version knows.
+        self.causes = Causes(self.effects, self.given, known, alike, of_file)
         self._last: tuple[Experiment, Prediction] | None = None
 
     @property
@@ -351,11 +355,6 @@ class GreyBoxModel(Model):
         }
         return self.successor(record, experiments)
 
-    def intervals(self, name: str) -> Intervals:
-        """95 % intervals of an effect's parameters, by what this version has learned from."""
-        told = self.parameters.get("intervals", {}).get(name, {})  # older recordings have none
-        return {n: None if ends is None else (ends[0], ends[1]) for n, ends in told.items()}
-
     def explains_without(self, effect: Effect, experiments: Sequence[Experiment]) -> bool:
         """Whether the other effects, and the machine's own parameters within their tolerances,
         explain experiments as well.
@@ -370,8 +369,9 @@ class GreyBoxModel(Model):
         return finished(self.search_on(experiments).refined(begin, near)).explains
 
     def change(self, before: Model, doubts: Mapping[str, str] = MappingProxyType({})) -> str:
-        """ "unbalance has grown to 6.100 ± 0.020 mm"; see `change_of_causes`."""
-        return change_of_causes(self, before if isinstance(before, GreyBoxModel) else None, doubts)
+        """ "unbalance has grown to 6.100 ± 0.020 mm"; see `Causes.change`."""
+        old = before.causes if isinstance(before, GreyBoxModel) else Causes()
+        return self.causes.change(old, doubts)
 
 
 def _plain(prior: Prior) -> dict[str, Any]:

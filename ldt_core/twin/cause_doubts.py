@@ -14,7 +14,7 @@ from ldt_core.base.sentences import listed, spoken
 from ldt_core.base.threads import one_thread
 from ldt_core.effects.change_description import apart
 from ldt_core.models.base import Model
-from ldt_core.models.cause_change import has_moved, is_named
+from ldt_core.models.causes import Causes
 from ldt_core.models.grey_box import GreyBoxModel
 from ldt_core.physics.effect import Effect
 from ldt_core.physics.machine_sizes import is_amount, is_limit
@@ -42,10 +42,10 @@ def doubts(
     """
     if not isinstance(model, GreyBoxModel):
         return {}
-    known = before if isinstance(before, GreyBoxModel) else None
+    known, causes = before.causes if isinstance(before, GreyBoxModel) else Causes(), model.causes
     found = {}
     for effect in model.effects:
-        if not (is_named(model, effect) and has_moved(model, known, effect)):
+        if not (causes.name(effect) and causes.moved(known, effect)):
             continue
         name = spoken(effect.name)
         if _contradicts(effect, [*earlier, model]):
@@ -70,13 +70,13 @@ def _contradicts(effect: Effect, versions: Sequence[Model]) -> bool:
     What says how much of it there is may grow, fall when the machine is repaired, and begin anew
     when it had gone; all else is the machine's for good, but for the angle at the start.
     """
-    causes = [m for m in versions if isinstance(m, GreyBoxModel)]
-    naming = [m for m in causes if is_named(m, effect)]
-    gone = max((i for i, m in enumerate(causes) if effect.name not in m.given), default=-1)
-    row = [m for m in causes[gone + 1 :] if m in naming]
+    causes = [m.causes for m in versions if isinstance(m, GreyBoxModel)]
+    naming = [c for c in causes if c.name(effect)]
+    gone = max((i for i, c in enumerate(causes) if effect.name not in c.given), default=-1)
+    row = [c for c in causes[gone + 1 :] if c in naming]
     for p in effect.parameters:
         amount = is_amount(p) or is_limit(p)
-        known = [m.intervals(effect.name)[p.name] for m in (row if amount else naming)]
+        known = [c.interval(effect).get(p.name) for c in (row if amount else naming)]
         ways = _ways(known)
         turns = sum(one != other for one, other in itertools.pairwise(ways))
         if turns >= TURNS or (ways and not amount and not p.cyclic):

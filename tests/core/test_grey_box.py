@@ -143,7 +143,11 @@ def test_a_record_makes_the_same_model():
         one, other = (getattr(m.predict(second), name) for m in (fitted, again))
         assert np.array_equal(one, other)
     assert "coulomb friction" in fitted.change(build_model("auto", ROTOR, settings))
-    for key, value in (("effects", {"magic": {}}), ("prior", {"mean": [0], "precision": [[1]]})):
+    for key, value in (
+        ("effects", {"magic": {}}),
+        ("prior", {"mean": [0], "precision": [[1]]}),
+        ("intervals", {"coulomb_friction": {"torque": ["little", "much"]}}),
+    ):
         record = fitted.record()
         spoilt = {**record.parameters, key: value}
         with pytest.raises(ModelError):
@@ -199,7 +203,7 @@ def test_an_amount_has_the_interval_that_its_law_leaves():
     """A twentieth of what it explains at least, of which no remainder tells; and the truth."""
     (first,) = experiments(DC, 1, [("constant_load", {"torque": 0.05})], seed=8)
     (found,) = finished(GreyBoxModel(DC).with_other_causes([first]))
-    low, high = found.intervals("constant_load")["torque"]
+    low, high = found.causes.intervals["constant_load"]["torque"]
     assert low < 0.05 < high
     assert 0.02 < (high - low) / 0.05 < 0.2
     assert not found.explains_without(found.effects[0], [first])
