@@ -120,10 +120,10 @@ class GreyBoxModel(Model):
         noise = self.parameters["noise_std"]
         self.noise_std = None if noise is None else float(noise)
         of_file = tuple(effect.name for effect, _ in self.machine.effects)
-        known = intervals_in(self.parameters.get("intervals", {}))  # older recordings have none
+        told = intervals_in(self.parameters.get("intervals", {}))  # older recordings have none
         alike = tuple(self.parameters["alike"])
         #: What acts, as far as this version knows.
-        self.causes = Causes(self.effects, self.given, known, alike, of_file)
+        self.causes = Causes(self.effects, self.given, told, alike, of_file)
         self._last: tuple[Experiment, Prediction] | None = None
 
     @property
