@@ -64,7 +64,8 @@ class Causes:
         if unknown:
             what = "what else has changed" if said else "what has changed"
             said.append(f"{what} is not known: {listed(unknown)}")
-        for effect in before.effects:
+        taken = any(n in self.given for n in before.alike)  # for another one, not told apart
+        for effect in before.effects[:-1] if taken else before.effects:
             name = effect.name
             if before.name(effect) and name not in (*self.given, *self.alike):
                 back = "is the file's again" if name in self.of_file else "has gone"

@@ -220,6 +220,12 @@ class GreyBoxModel(Model):
         last = self.effects[-1:] == found.box.effects[-1:] and found.explains
         rivals = [self.machine.effect(n) for n in self.parameters["alike"] if last]
         alike = yield from search.still_alike(found.present, rivals, ALIKE)
+        for rival in rivals:  # told apart only where a whole fit says so: a shaft may be captured
+            laws = (*found.box.effects[:-1], rival)
+            if rival.name not in alike:
+                other = yield from search.fitted(found.present, laws, sized=False)
+                if other.explains and other.score < found.score + ALIKE:
+                    alike.append(rival.name)
         return self.adopt(found, experiments, alike)
 
     def loosened(self, experiments: Sequence[Experiment]) -> Pausable[Self]:

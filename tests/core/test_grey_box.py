@@ -175,9 +175,27 @@ def test_what_is_not_told_apart_belongs_to_its_effect_and_has_not_gone():
     words = knowing(after, {**known, **width}, ["coulomb_friction"]).change(before)
     grown = "input deadzone has grown to 0.300 ± 0.02 V"
     assert words == f"{grown} (or coulomb friction: not told apart)"
+    tied = knowing(after, {**known, **width}, ["coulomb_friction"])
+    assert before.change(tied) == "coulomb friction has grown to 0.0100 ± 0.001 N m"
     more = {"quadratic_drag": {"c": [1.8e-5, 2.2e-5]}, **width}
     words = knowing({**after, "quadratic_drag": {"c": 2e-5}}, more).change(before)
     assert words.endswith(f"{grown}; coulomb friction has gone")
+
+
+def test_causes_that_are_not_told_apart_stay_so_until_they_are():
+    """One way, a load is a friction or a dead zone; learning more of it alone shows nothing."""
+    load = [("constant_load", {"torque": 0.05})]
+    first, second = experiments(DC, 2, load, seed=8)
+    (found,) = finished(GreyBoxModel(DC).with_other_causes([first]))
+    assert "coulomb_friction" in found.parameters["alike"]
+    assert "coulomb_friction" in found.fit([second]).parameters["alike"]
+    volts = np.where(np.arange(len(first)) % 400 < 200, 1.0, -1.0) * first.voltage
+    start = DC.model.initial_state(DC.parameters, 0.0)
+    use = [get_effect("constant_load").used({"torque": 0.05})]
+    states = DC.model.simulate(DC.parameters, volts, first.period, start, use)
+    speed = states[:, 1] + 0.1 * np.random.default_rng(1).standard_normal(volts.size)
+    turned = Experiment(3, 0.0, first.period, voltage=volts, speed=speed)
+    assert found.fit([turned]).parameters["alike"] == []
 
 
 def test_a_cause_is_named_only_where_its_amount_is_known():
