@@ -36,6 +36,21 @@ def plain(value: float, digits: int = 3) -> str:
     return text.rstrip("0").rstrip(".") if "." in text else text
 
 
+def measured(value: float, unit: str, ci95: tuple[float, float] | None) -> str:
+    """A value with as many digits as it is known to, lengths in mm.
+
+    >>> measured(0.0049123, "m", (0.0047, 0.0051)), measured(412.0, "s", None)
+    ('4.91 ± 0.21 mm', 'near 4.1e+02 s, but not determined')
+    """
+    unit, scale = ("mm", 1e3) if unit == "m" else (unit, 1.0)
+    if ci95 is None:
+        return f"near {value * scale:.2g} {unit}".rstrip() + ", but not determined"
+    spread = max(ci95[1] - value, value - ci95[0]) * scale
+    digits = max(0, 1 - int(f"{spread:e}".split("e")[1])) if spread > 0 else 3
+    shown = f"{value * scale:.{min(digits, 9)}f}" if digits < 6 else f"{value * scale:.3g}"
+    return f"{shown} ± {spread:.2g} {unit}".rstrip()
+
+
 def listed(names: Iterable[str], last: str = "and") -> str:
     """All of them.
 

@@ -1,8 +1,7 @@
 """What each member of a set contributes: its amounts with confidence intervals, its Shapley share.
 
-Noise alone would give the covariance (J'J)^-1. A structured remainder R shows how far off the laws
-are where the parameters cannot follow; of `REMAINDER_SHAPES` independent shapes, it adds its share
-of R to the variance of each. Where the parameters can follow, `TRACELESS_ERROR` stands for it.
+Noise alone would give the covariance (J'J)^-1; what the laws are off by adds to the variance, see
+`estimation.amount_interval`.
 """
 
 from __future__ import annotations
@@ -19,17 +18,9 @@ from ldt_core.diagnosis.diagnosis import ParameterAmount
 from ldt_core.diagnosis.effect_fit import EffectFit, by_member
 from ldt_core.diagnosis.effect_set_search import EffectSetSearch
 from ldt_core.diagnosis.nominal_prior import masses_leave_open
+from ldt_core.estimation.amount_interval import DEVIATIONS, UNDETERMINED, shown_variance
 from ldt_core.machine.machine_file import Machine
-from ldt_core.physics.machine_sizes import is_limit
-from ldt_core.physics.parameter import logarithmic
-
-DEVIATIONS = 1.96  # half width of a 95 % interval of a normal distribution
-REMAINDER_SHAPES = 3.0  # independent shapes that a remainder is taken to consist of
-TRACELESS_ERROR = 0.005  # of the gap's power, by which a law may be off and leave no remainder
-#: Of that variance, what amounts show of it: those of 60 sealed cases were off by 0.37 deviations
-#: with all of it (root mean square of 54, 0.92 at most), and by 0.75 with a quarter.
-SHOWN = 0.25
-UNDETERMINED = 3.0  # standard deviation, in coordinates, from which a parameter has no interval
+from ldt_core.physics.machine_sizes import is_amount
 
 
 def share(part: float) -> float:
@@ -37,21 +28,13 @@ def share(part: float) -> float:
     return float(np.clip(part, 0.0, 1.0))
 
 
-def law_variance(left: float, gap: float) -> float:
-    """Variance of the data, in that of the noise, with what the laws are off by.
-
-    A set leaves the power `left` beyond noise, of the power `gap` of the whole gap.
-    """
-    return 1 + (max(left, 0.0) + TRACELESS_ERROR * max(gap, 0.0)) / REMAINDER_SHAPES
-
-
 def covariance(fit: EffectFit, left: float, gap: float) -> Array:
     """(p, p) of all coordinates; infinite variance where nothing depends on one.
 
-    Arguments as of `law_variance`.
+    Arguments as of `amount_interval.law_variance`.
     """
     # What is known beforehand does not get wider with what the laws leave.
-    variance = 1 + SHOWN * (law_variance(left, gap) - 1)
+    variance = shown_variance(left, gap)
     rows = np.vstack([fit.jacobian / math.sqrt(variance), fit.prior_rows])
     size = np.linalg.norm(rows, axis=0)
     seen = np.flatnonzero(size > 1e-9)
@@ -96,10 +79,7 @@ def vague(fit: EffectFit, left: float, gap: float) -> list[str]:
     found = []
     for c, z, spread in zip(fit.effects, fit.z, deviations(fit, left, gap), strict=False):
         amount = [
-            abs(z[j]) > DEVIATIONS * spread[j]
-            for j, p in enumerate(c.parameters)
-            if p.default == 0 or (logarithmic(p) and not is_limit(p))
-            if not p.cyclic
+            abs(z[j]) > DEVIATIONS * spread[j] for j, p in enumerate(c.parameters) if is_amount(p)
         ]
         if amount and not any(amount):
             found.append(c.name)

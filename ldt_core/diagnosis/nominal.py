@@ -14,13 +14,14 @@ import numpy as np
 from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError
 from ldt_core.base.sentences import listed
-from ldt_core.diagnosis.attribution import DEVIATIONS, covariance, law_variance
+from ldt_core.diagnosis.attribution import covariance
 from ldt_core.diagnosis.candidate import LIMIT_MARGIN
 from ldt_core.diagnosis.diagnosis import Refit
 from ldt_core.diagnosis.effect_fit import EffectFit, by_member, used
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
 from ldt_core.diagnosis.nominal_prior import NominalPrior
 from ldt_core.diagnosis.thresholds import THRESHOLDS
+from ldt_core.estimation.amount_interval import DEVIATIONS, law_variance
 from ldt_core.machine.machine_file import Machine
 
 STRAINED = "Unknown: only machine numbers beyond their tolerances close the gap."

@@ -9,12 +9,13 @@ import numpy as np
 
 from ldt_core.base.arrays import Array
 from ldt_core.base.sentences import listed, spoken
-from ldt_core.diagnosis.attribution import DEVIATIONS, deviations
+from ldt_core.diagnosis.attribution import deviations
 from ldt_core.diagnosis.diagnosis import ParameterAmount
 from ldt_core.diagnosis.effect_fit import EffectFit, fit
 from ldt_core.diagnosis.effect_set_search import EffectSetSearch
 from ldt_core.diagnosis.scouting import bearable
 from ldt_core.diagnosis.thresholds import THRESHOLDS
+from ldt_core.estimation.amount_interval import DEVIATIONS
 
 
 def other_minima(

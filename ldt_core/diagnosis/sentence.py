@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from ldt_core.base.sentences import listed, plain, spoken
+from ldt_core.base.sentences import listed, measured, plain, spoken
 from ldt_core.diagnosis.diagnosis import (
     Gap,
     GapLocation,
@@ -165,15 +165,8 @@ def values(parameters: Mapping[str, ParameterAmount]) -> str:
     """Parameters with their intervals: "e = 4.9 ± 0.2 mm"."""
     parts = []
     for name, a in parameters.items():
-        unit, scale = ("mm", 1e3) if a.unit == "m" else (a.unit, 1.0)
-        if a.ci95 is None:
-            near = f"{name} near {a.value * scale:.2g} {unit}".rstrip()
-            parts.append(f"{near}, but not determined")
-            continue
-        spread = max(a.ci95[1] - a.value, a.value - a.ci95[0]) * scale
-        digits = max(0, 1 - int(f"{spread:e}".split("e")[1])) if spread > 0 else 3
-        shown = f"{a.value * scale:.{min(digits, 9)}f}" if digits < 6 else f"{a.value * scale:.3g}"
-        parts.append(f"{name} = {shown} ± {spread:.2g} {unit}".rstrip())
+        equals = "" if a.ci95 is None else "= "
+        parts.append(f"{name} {equals}{measured(a.value, a.unit, a.ci95)}")
     return ", ".join(parts)
 
 

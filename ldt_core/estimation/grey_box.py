@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError
@@ -26,7 +27,7 @@ from ldt_core.estimation.start_at_rest import AT_REST, first_current
 from ldt_core.machine.machine_file import Machine
 from ldt_core.physics.base import ANGLE, CURRENT, NOT_TRACKED, SPEED, FreeRun, Work
 from ldt_core.physics.effect import Effect
-from ldt_core.physics.machine_sizes import LIMITS, is_limit, most_of
+from ldt_core.physics.machine_sizes import LIMITS, is_amount, is_limit, most_of
 from ldt_core.physics.parameter import Values
 
 #: Longest integration step [s] of the first, coarse fits, and of the last one. The speed of the
@@ -114,6 +115,11 @@ class GreyBox:
         """Coordinates of the effects' parameters but for angles within a turn."""
         k = len(self.uncertain)
         return [k + j for j, p in enumerate(self._own.parameters) if not p.cyclic]
+
+    @property
+    def amounts(self) -> NDArray[np.bool_]:
+        """Which of the effects' coordinates say how much there is; the others, of what shape."""
+        return np.array([is_amount(p) for p in self._own.parameters], dtype=bool)
 
     def values(self, q: Array) -> tuple[dict[str, float], Use]:
         """The machine's parameters, and the effects with all their values."""
@@ -244,7 +250,7 @@ class GreyBox:
             known: values of effects, which are a guess of their own.
             again: whether the known effects are also begun with anew.
         """
-        middle = {e.name: {**e.neutral, **known.get(e.name, {})} for e in self.effects}
+        middle = self._known_or_neutral(known)
         tried = [middle] if any(e.name in known for e in self.effects) else []
         for effect in self.effects:
             if effect.name in known and not again:
@@ -256,6 +262,14 @@ class GreyBox:
         k = len(self.uncertain)
         found = [self.coordinates(given, np.zeros(k))[k:] for given in tried or [middle]]
         return [np.clip(q, self.low[k:], self.high[k:]) for q in found]
+
+    def neutral_guess(self, known: Mapping[str, Mapping[str, float]]) -> Array:
+        """Coordinates of the effects where they are known, else neutral."""
+        k = len(self.uncertain)
+        return self.coordinates(self._known_or_neutral(known), np.zeros(k))[k:]
+
+    def _known_or_neutral(self, known: Mapping[str, Mapping[str, float]]) -> dict[str, Values]:
+        return {e.name: {**e.neutral, **known.get(e.name, {})} for e in self.effects}
 
     def _grid(self, effect: Effect) -> list[dict[str, float]]:
         if effect.search:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,13 +11,17 @@ from numpy.typing import NDArray
 
 from ldt_core.base.arrays import Array
 from ldt_core.base.experiment import Experiment
-from ldt_core.base.pausable import finished
+from ldt_core.base.pausable import Pausable, finished
 from ldt_core.estimation.grey_box import COARSE_STEP, GreyBox, Prior
 from ldt_core.estimation.grey_box_fit import FIRST_ROUNDS
 from ldt_core.estimation.grey_box_problem import DIFFERENCE, LEAST_GAIN, GreyBoxProblem
 from ldt_core.machine.machine_file import Machine
 from ldt_core.physics.effect import Effect
+from ldt_core.physics.parameter import SMALLEST
 
+#: Gains of the screenings, the strongest and the weakest: all of the innovation is for what
+#: captures the shaft; a tenth, for what is weak and lasts, which so many samples' noise would hide.
+STRONGEST, WEAKEST = 1.0, 0.1
 #: Gauss-Newton steps of the screening; under the observer an effect is found in two or three.
 SCREENING_STEPS = 4
 
@@ -140,6 +144,31 @@ class Screening:
         cost = best + q.size * math.log(self._samples)
         return Screened(cost, given, explains, box.work.taken())
 
+    def still_alike(
+        self, present: Present, rivals: Sequence[Effect], odds: float
+    ) -> Pausable[list[str]]:
+        """Names of those that explain the experiments as well in the place of the last effect, as
+        far as the weakest observer tells.
+
+        Args:
+            present: effects that explain them.
+            rivals: that were not told apart from the last of these before.
+            odds: squared deviations by which they may be the worse.
+        """
+        if not rivals or not present.effects:
+            return []
+        gain, alike = WEAKEST, []
+        basis, silent = self.machine_slopes(present, gain)
+        asked = basis, gain, np.zeros_like(silent)
+        own = self.screened(present, present.effects, *asked)
+        yield own.work
+        for rival in rivals:
+            other = self.screened(present, (*present.effects[:-1], rival), *asked)
+            yield other.work
+            if other.explains and other.cost < own.cost + odds:
+                alike.append(rival.name)
+        return alike
+
     def _eliminated(
         self, present: Present, problem: GreyBoxProblem, basis: Array, gain: float
     ) -> tuple[float, Array, Array]:
@@ -172,9 +201,14 @@ class Screening:
             asked = [[guess] for guess in guesses]
         found = iter(rows_at([q for some in asked for q in some]))
         tried = [[next(found) for _ in some] for some in asked]
-        first = int(np.argmin([float(rows @ rows) for rows, *_ in tried]))
+        first = int(np.argmin([_squares(rows) for rows, *_ in tried]))
         q, (rows, *moved) = guesses[first], tried[first]
-        best = float(rows @ rows)
+        best = _squares(rows)
+        if not box.amounts.all():
+            shapes = [rows for rows, *_ in tried]
+            resized, at_size = self._resized(box, present, guesses, shapes, rows_at)
+            if _squares(at_size) < best:
+                best, q, rows, moved = _squares(at_size), resized, at_size, []
         for left in reversed(range(SCREENING_STEPS)):
             moved = moved or rows_at(beside(q))
             by = _differences(q, high)
@@ -202,6 +236,29 @@ class Screening:
             if gained < LEAST_GAIN:
                 break
         return best, q, rows
+
+    def _resized(
+        self,
+        box: GreyBox,
+        present: Present,
+        guesses: Sequence[Array],
+        found: Sequence[Array],
+        rows_at: Callable[[Sequence[Array]], list[Array]],
+    ) -> tuple[Array, Array]:
+        """The guess of the best shape at its best size, both to first order, and its rows.
+
+        One of the right shape may be far too large, and err more than all others.
+        """
+        k = len(box.uncertain)
+        without = box.neutral_guess(present.given)
+        (neutral,) = rows_at([without])
+        changes = [rows - neutral for rows in found]
+        sizes = [max(0.0, -float(neutral @ c) / max(_squares(c), SMALLEST)) for c in changes]
+        left = [_squares(neutral + s * c) for s, c in zip(sizes, changes, strict=True)]
+        i = int(np.argmin(left))
+        best = np.where(box.amounts, without + sizes[i] * (guesses[i] - without), guesses[i])
+        best = np.clip(best, box.low[k:], box.high[k:])
+        return best, rows_at([best])[0]
 
 
 def _squares(rows: Array) -> float:

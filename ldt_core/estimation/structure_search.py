@@ -1,9 +1,10 @@
 """Which effects to add to a machine so that it explains an experiment: a search over structures.
 
 Every effect of a library is tried, beside those that are there and in their place, under the
-observer of `grey_box`, which needs few steps; then a further one beside the best, and so on. The
-machine's uncertain parameters are eliminated to first order meanwhile, under their prior: what they
-explain as well is no evidence for an effect.
+observer of `grey_box`, which needs few steps; then a further one beside the best, and so on. What
+comes with it is then tried beside the rivals of the one before, too (a beam search). The machine's
+uncertain parameters are eliminated to first order meanwhile, under their prior: what they explain
+as well is no evidence for an effect.
 The best structures are then fitted whole, and ranked by the squared residuals plus the price of
 their parameters (Bayesian information criterion: Schwarz, Annals of Statistics 6, 1978).
 """
@@ -23,19 +24,22 @@ from ldt_core.base.pausable import Pausable
 from ldt_core.base.threads import spread
 from ldt_core.estimation.grey_box import GreyBox, Prior
 from ldt_core.estimation.grey_box_fit import GreyBoxFit, fit_grey_box, of_first
-from ldt_core.estimation.structure_screening import Present, Screened, Screening
+from ldt_core.estimation.structure_screening import (
+    STRONGEST,
+    WEAKEST,
+    Present,
+    Screened,
+    Screening,
+)
 from ldt_core.physics.base import CURRENT
 from ldt_core.physics.effect import Effect
 
 #: Screenings, in turn until one explains: observer gain, and whether parameters that an effect
-#: brings to life are fitted with it. All of the innovation is for what captures the shaft; a tenth,
-#: for what is weak and lasts, which so many samples' noise would hide. Where parameters are off,
-#: fitting finds what first order does not; under the weak observer, whose squared error has more
-#: minima, it is the last resort.
-SCREENINGS = ((1.0, True), (0.1, False), (0.1, True))
+#: brings to life are fitted with it. Where parameters are off, fitting finds what first order does
+#: not; under the weak observer, whose squared error has more minima, it is the last resort.
+SCREENINGS = ((STRONGEST, True), (WEAKEST, False), (WEAKEST, True))
 #: Place of the one before which laws are tried in detail.
 LAST_RESORT = 2
-WEAKEST = min(gain for gain, _ in SCREENINGS)
 #: Structures of each screening that are fitted whole: the best and its rival; of a machine without
 #: a foundation, whose fits are short, all that screen as well as the best but for so many squared
 #: deviations (chi-square distribution, p = 0.001), at most.
@@ -84,6 +88,12 @@ class FittedStructure:
     def explains(self) -> bool:
         """Whether the residuals of all experiments are noise."""
         return self.fit.explained
+
+    @property
+    def present(self) -> Present:
+        """Its effects with their values, and the prior that it began with."""
+        given = {e.name: values for e, values in self.box.values(self.fit.q)[1]}
+        return Present(self.box.effects, given, self.prior)
 
     def needs(self, effect: Effect, most: float) -> bool:
         """Whether, to first order, every parameter of an effect raises the squared residuals by
@@ -217,40 +227,43 @@ class StructureSearch(Screening):
         """What explains with laws in all detail, where nothing does plainly, or with more
         parameters.
 
-        The laws of the best plain structure, where it has such. Else one in place of an effect of
-        the simplest: of each family the law of most detail, since a family's laws differ by less.
-        In place of which, is told plainly: an observer hides the details, and a whole fit is long.
+        The laws of the simplest plain structure, then of the best one, where they have such. Else
+        one in place of an effect of the simplest: of each family the law of most detail, since a
+        family's laws differ by less. In place of which, is told plainly: an observer hides the
+        details, and a whole fit is long.
         """
-        best = plain = min(found, key=lambda s: s.score)
-        tried = [plain.box.effects]
-        own = any(e.detailed for e in plain.box.effects)
+        best = min(found, key=lambda s: s.score)
+        simplest = min(found, key=lambda s: (len(s.names), s.score))
+        own = [s for s in dict.fromkeys((simplest, best)) if any(e.detailed for e in s.box.effects)]
+        tried = [(s, s.box.effects) for s in own]
         if not own:
-            plain = min(found, key=lambda s: (len(s.names), s.score))
             tried = [
-                (*(e for e in plain.box.effects if e is not gone), law)
+                (simplest, (*(e for e in simplest.box.effects if e is not gone), law))
                 for law in _most_detailed(library)
-                for gone in plain.box.effects
+                for gone in simplest.box.effects
             ]
         if best.explains:  # there is no need of as many parameters
-            count = [sum(len(e.all_parameters) for e in laws) for laws in tried]
             less = best.box.size - len(best.box.uncertain)
-            tried = [laws for laws, needed in zip(tried, count, strict=True) if needed < less]
+            tried = [t for t in tried if sum(len(e.all_parameters) for e in t[1]) < less]
         if not tried:
             return []
-        known = {e.name: values for e, values in plain.box.values(plain.fit.q)[1]}
-        laws = tried[0]
+        known = [plain.present.given for plain, _ in tried]
         if not own:
-            begin = Present(plain.box.effects, known, plain.prior)
+            begin = simplest.present
             basis, silent = self.machine_slopes(begin, WEAKEST)
             asked = basis, WEAKEST, np.zeros_like(silent)
-            screened = [self._screen(begin, tried, asked, i) for i in range(len(tried))]
-            yield sum(one.work for one in screened)
+            all_laws = [laws for _, laws in tried]
+            screened = yield from self._screened_all([begin] * len(tried), all_laws, asked)
             least = min(range(len(tried)), key=lambda i: screened[i].cost)
-            laws, known = tried[least], screened[least].given
-        laws = tuple(e.finest for e in laws)
-        given = {e.name: {**e.neutral, **known[e.name]} for e in laws}
-        detailed = yield from self.fitted(Present(laws, given, plain.prior), laws, sized=False)
-        return [(yield from self.pruned(detailed))] if detailed.explains else []
+            tried, known = [tried[least]], [screened[least].given]
+        for (plain, laws), values in zip(tried, known, strict=True):
+            finest = tuple(e.finest for e in laws)
+            given = {e.name: {**e.neutral, **values[e.name]} for e in finest}
+            begin = Present(finest, given, plain.prior)
+            detailed = yield from self.fitted(begin, finest, sized=False)
+            if detailed.explains:
+                return [(yield from self.pruned(detailed))]
+        return []
 
     def pruned(
         self, found: FittedStructure, others: Sequence[FittedStructure] = ()
@@ -264,7 +277,7 @@ class StructureSearch(Screening):
         known = {frozenset(s.box.effects): s for s in others}
         best = found
         while len(best.box.effects) > 1 and best.explains:
-            given = {e.name: values for e, values in best.box.values(best.fit.q)[1]}
+            given = best.present.given
             fewer = []
             for gone in best.box.effects:
                 if best.needs(gone, SURELY * len(gone.parameters) * math.log(self._samples)):
@@ -295,6 +308,7 @@ class StructureSearch(Screening):
         it leaves noise without any effect: the cause is one that it hides.
         """
         found: list[Present] = []
+        serious: list[Present] = []
         led = False
         while len(present.effects) < MOST_EFFECTS:
             here = {e.name for e in present.effects}
@@ -307,12 +321,14 @@ class StructureSearch(Screening):
             if not found and before.explains and gain > WEAKEST:
                 break
 
-            results: list[Screened] = []
-            for begin in range(0, len(tried), AT_ONCE):
-                some = tried[begin : begin + AT_ONCE]
-                screen = functools.partial(self._screen, present, some, (basis, gain, silent))
-                results += spread(screen, len(some), self.workers)
-                yield sum(screened.work for screened in results[begin:])
+            asked = basis, gain, silent
+            results = yield from self._screened_all([present] * len(tried), tried, asked)
+            # What is the best alone need not be part of the best pair: its rivals are tried, too.
+            last = tried[int(np.argmin([r.cost for r in results]))][-1]
+            others = [p for p in serious[1:MOST_FINALISTS] if last not in p.effects]
+            pairs = [(*p.effects, last) for p in others]
+            results += yield from self._screened_all(others, pairs, asked)
+            tried += pairs
             order = sorted(range(len(tried)), key=lambda i: results[i].cost)
             best = results[order[0]]
             if not best.cost < before.cost:
@@ -320,25 +336,44 @@ class StructureSearch(Screening):
             # What recovers less than half of what the best does is no rival of it.
             limit = best.cost + SERIOUS * (before.cost - best.cost)
             rigid = len(self.machine.model.states) == CURRENT + 1
-            found = [
+            serious = [
                 Present(tried[i], results[i].given, present.prior)
-                for place, i in enumerate(order[: MOST_FINALISTS if rigid else FINALISTS])
-                if results[i].cost <= (limit if place < FINALISTS else best.cost + CLOSE)
+                for i in order
+                if results[i].cost <= limit
             ]
+            most = best.cost + CLOSE
+            close = sum(r.cost <= most for r in results) if rigid else 0
+            found = serious[: max(FINALISTS, min(MOST_FINALISTS, close))]
             led = best.explains
             if led or self._hopeless(present, before, [results[i] for i in order]):
                 break
             present = found[0]
         return led, found
 
+    def _screened_all(
+        self,
+        present: Sequence[Present],
+        tried: Sequence[tuple[Effect, ...]],
+        how: tuple[Array, float, NDArray[np.bool_]],
+    ) -> Pausable[list[Screened]]:
+        """Each of the structures tried, beginning with what is present beside it."""
+        results: list[Screened] = []
+        for begin in range(0, len(tried), AT_ONCE):
+            pairs = list(zip(present, tried, strict=True))[begin : begin + AT_ONCE]
+
+            screen = functools.partial(self._screen, pairs, how)
+            results += spread(screen, len(pairs), self.workers)
+            yield sum(screened.work for screened in results[begin:])
+        return results
+
     def _screen(
         self,
-        present: Present,
-        tried: Sequence[tuple[Effect, ...]],
+        pairs: Sequence[tuple[Present, Sequence[Effect]]],
         how: tuple[Array, float, NDArray[np.bool_]],
         i: int,
     ) -> Screened:
-        return self.screened(present, tried[i], *how)
+        present, tried = pairs[i]
+        return self.screened(present, tried, *how)
 
     def _hopeless(self, present: Present, before: Screened, ranked: Sequence[Screened]) -> bool:
         """Whether further effects cannot be hoped to gain what is missing.

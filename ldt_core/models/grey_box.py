@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
 from typing import Any, Self
 
 import numpy as np
@@ -13,15 +14,16 @@ from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment, Prediction, rms
 from ldt_core.base.pausable import Pausable, finished
-from ldt_core.base.sentences import listed, spoken
 from ldt_core.effects import EFFECTS
-from ldt_core.effects.change_description import change_of, reads_the_same
+from ldt_core.estimation.amount_interval import intervals_of
 from ldt_core.estimation.effect.start_angle import FoundAngle, believe, together
 from ldt_core.estimation.grey_box import ANGLES, COARSE_STEP, Case, GreyBox, Prior
 from ldt_core.estimation.misfit import misfit, noise_in, setting
 from ldt_core.estimation.structure_screening import Present
 from ldt_core.estimation.structure_search import FittedStructure, StructureSearch
 from ldt_core.models.base import Model
+from ldt_core.models.causes import Causes, intervals_in
+from ldt_core.physics.effect import Effect
 
 #: Directions in which the parameters are least known, along which a prediction is spread out.
 DIRECTIONS = 3
@@ -51,7 +53,8 @@ class GreyBoxModel(Model):
     models by `adopt`.
 
     `parameters`: `machine`, the physics parameters; `effects`, name → parameter → value; `alike`,
-    names of effects that explain the same as well; `noise_std` [rad/s], null while untrained;
+    names of effects that explain the same as well; `intervals`, effect → parameter → 95 % interval
+    [low, high], null where nothing determines it; `noise_std` [rad/s], null while untrained;
     `start` with `turn` [rad], and `seen`, the start angles found (number, angle, std [rad] each);
     `prior` with `mean` (k) and `precision` (k, k) of the machine's coordinates (`GreyBox`);
     `before`, the same before it learned; and `directions`, rows of coordinates by one standard
@@ -116,6 +119,11 @@ class GreyBoxModel(Model):
         self.angle = believe(self.seen, self.turn) if self.turn > 0 else None
         noise = self.parameters["noise_std"]
         self.noise_std = None if noise is None else float(noise)
+        of_file = tuple(effect.name for effect, _ in self.machine.effects)
+        told = intervals_in(self.parameters.get("intervals", {}))  # older recordings have none
+        alike = tuple(self.parameters["alike"])
+        #: What acts, as far as this version knows.
+        self.causes = Causes(self.effects, self.given, told, alike, of_file)
         self._last: tuple[Experiment, Prediction] | None = None
 
     @property
@@ -182,7 +190,7 @@ class GreyBoxModel(Model):
         """`fit`, in pieces."""
         search = self.search_on(experiments)
         found = yield from self._fitted(search, self.prior, sized)
-        return self.adopt((yield from search.pruned(found)), experiments)
+        return (yield from self._again(search, found, experiments))
 
     def updated(self, experiments: Sequence[Experiment]) -> Pausable[Self | None]:
         """This model with more experiments of a machine that has not changed; None where it has.
@@ -202,7 +210,23 @@ class GreyBoxModel(Model):
         found = yield from search.refined(Present(self.effects, self.given, self.before), self.q)
         if not found.explains:
             return None
-        return self.adopt((yield from search.pruned(found)), experiments)
+        return (yield from self._again(search, found, experiments))
+
+    def _again(
+        self, search: StructureSearch, found: FittedStructure, experiments: Sequence[Experiment]
+    ) -> Pausable[Self]:
+        """The next version with the same causes; those not told apart stay so until they are."""
+        found = yield from search.pruned(found)
+        last = self.effects[-1:] == found.box.effects[-1:] and found.explains
+        rivals = [self.machine.effect(n) for n in self.parameters["alike"] if last]
+        alike = yield from search.still_alike(found.present, rivals, ALIKE)
+        for rival in rivals:  # told apart only where a whole fit says so: a shaft may be captured
+            laws = (*found.box.effects[:-1], rival)
+            if rival.name not in alike:
+                other = yield from search.fitted(found.present, laws, sized=False)
+                if other.explains and other.score < found.score + ALIKE:
+                    alike.append(rival.name)
+        return self.adopt(found, experiments, alike)
 
     def loosened(self, experiments: Sequence[Experiment]) -> Pausable[Self]:
         """The same effects, and the machine's parameters as if hardly anything were known of them.
@@ -327,6 +351,7 @@ class GreyBoxModel(Model):
         record = {
             "machine": machine,
             "start": start,
+            "intervals": intervals_of(found, told),
             "effects": {e.name: given for e, given in use},
             "alike": list(alike),
             "noise_std": noise,
@@ -336,24 +361,23 @@ class GreyBoxModel(Model):
         }
         return self.successor(record, experiments)
 
-    def change(self, before: Model) -> str:
-        """ "unbalance has grown to 6.1 mm"."""
-        old = before.given if isinstance(before, GreyBoxModel) else {}
-        said, alike = [], self.parameters["alike"]
-        for effect in self.effects:
-            was = old.get(effect.name, effect.neutral)
-            if not reads_the_same(effect, was, self.given[effect.name]):
-                said.append(change_of(effect, was, self.given[effect.name]))
-                if alike and effect is self.effects[-1]:
-                    others = listed([spoken(n) for n in alike], "or")
-                    said[-1] += f" (or {others}: not told apart)"
-        of_file = [effect.name for effect, _ in self.machine.effects]
-        said += [
-            f"{spoken(name)} is the file's again" if name in of_file else f"{spoken(name)} has gone"
-            for name in old
-            if name not in self.given and name not in alike
-        ]
-        return "; ".join(said)
+    def explains_without(self, effect: Effect, experiments: Sequence[Experiment]) -> bool:
+        """Whether the other effects, and the machine's own parameters within their tolerances,
+        explain experiments as well.
+
+        Raises:
+            LdtError: too few samples.
+        """
+        rest = tuple(e for e in self.effects if e is not effect)
+        given, own = {e.name: self.given[e.name] for e in rest}, self.q[: len(self.box.uncertain)]
+        near = GreyBox(self.machine, rest, self.machine.tolerances).coordinates(given, own)
+        begin = replace(self.present, effects=rest, given=given)
+        return finished(self.search_on(experiments).refined(begin, near)).explains
+
+    def change(self, before: Model, doubts: Mapping[str, str] = MappingProxyType({})) -> str:
+        """ "unbalance has grown to 6.100 ± 0.020 mm"; see `Causes.change`."""
+        old = before.causes if isinstance(before, GreyBoxModel) else Causes()
+        return self.causes.change(old, doubts)
 
 
 def _plain(prior: Prior) -> dict[str, Any]:

@@ -86,6 +86,11 @@ def is_limit(p: Parameter) -> bool:
     return logarithmic(p) and p.unit in LIMITS
 
 
+def is_amount(p: Parameter) -> bool:
+    """Whether it says how much of an effect there is: neutral at 0, or at a factor of 1."""
+    return not p.cyclic and (p.default == 0 or (logarithmic(p) and not is_limit(p)))
+
+
 def most_of(values: Mapping[str, float], most_voltage: float) -> dict[str, float]:
     """Unit to the largest voltage [V] and current [A]: that of a reversal at full speed."""
     return {"V": most_voltage, "A": 2 * most_voltage / values.get("R", 1.0)}

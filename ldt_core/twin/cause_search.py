@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from ldt_core.base.experiment import Experiment
 from ldt_core.base.pausable import Pausable, finished, within
 from ldt_core.base.threads import one_thread
@@ -194,7 +196,7 @@ class CauseSearch:
             best = yield from self._searched(told)
         if best is None:
             return None
-        return best, "estimates its causes anew" if best is alone else "has a new cause"
+        return best, anew(best) if best is alone else "has a new cause"
 
     def _searched(self, pool: Sequence[Experiment]) -> Pausable[GreyBoxModel | None]:
         """What a search finds that explains all of these, unless searches have to wait."""
@@ -219,6 +221,15 @@ class CauseSearch:
         if type(granted) is not int or granted < 0:
             raise ValueError("granted is no count")
         return cls(candidates, question, bool(state["over"]), granted)
+
+
+def anew(model: Model) -> str:
+    """What a version does that has learned more with the same causes."""
+    if not isinstance(model, GreyBoxModel) or model.effects:
+        return "estimates its causes anew"
+    far = float(np.abs(model.q).max(initial=0.0))
+    own = "estimates the machine's own parameters anew"
+    return f"{own}, up to {far:.1f} tolerances from the file's"
 
 
 def granted(beside: CauseSearch | None) -> int:

@@ -14,7 +14,8 @@ from ldt_core.models.base import Model
 from ldt_core.models.grey_box import GreyBoxModel
 from ldt_core.twin.adaptor import PASSED_OVER, ROLLED_BACK
 from ldt_core.twin.candidates import POOL, Candidates
-from ldt_core.twin.cause_search import CauseSearch, Question, granted
+from ldt_core.twin.cause_doubts import doubts
+from ldt_core.twin.cause_search import CauseSearch, Question, anew, granted
 from ldt_core.twin.condition_chain import ConditionChain
 from ldt_core.twin.known_versions import FOLLOWED, KnownVersions
 from ldt_core.twin.memory import Memory
@@ -160,7 +161,7 @@ class ContestAdaptor(KnownVersions):
             about = self.learned_from, self._recent(experiment), experiment
             more, why = self.candidates.learned_more(before, *about)
             if more is not None:
-                return self._learned_by(more, "estimates its causes anew", experiment, {})
+                return self._learned_by(more, anew(more), experiment, {})
             if version is before and why:
                 return Action.REFUSED, f"{why}; {stays}", {}
         if version and (next_one := self._returns(version, experiment)):
@@ -245,8 +246,18 @@ class ContestAdaptor(KnownVersions):
     def _reason(self, before: Model, experiment: Experiment, origin: str, sure: bool = True) -> str:
         """In words; of a version that explains nothing it is not known what has changed."""
         words = f"version {self.model.version} {origin}"
-        change = self.model.change(before) if sure and explains(self.model, experiment) else ""
+        change = self._change(before, experiment) if sure else ""
         return f"since experiment {experiment.number}: {change}; {words}" if change else words
+
+    def _change(self, before: Model, experiment: Experiment) -> str:
+        """What has changed, as far as that is known, if the present version explains it."""
+        if not explains(self.model, experiment):
+            return ""
+        if not isinstance(self.model, GreyBoxModel):
+            return self.model.change(before)
+        learned = [e for e in self._recent(experiment) if e.number in self.model.trained_on]
+        told = newest_enough([*learned, experiment])
+        return self.model.change(before, doubts(self.model, before, self.earlier, told))
 
     def unexplained(self, experiment: Experiment) -> list[Experiment]:
         """The newest experiments that nobody explains."""

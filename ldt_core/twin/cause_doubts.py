@@ -1,0 +1,96 @@
+"""Which causes of a version may not be told to people as what has changed, and why.
+
+A prediction may use what a sentence may not claim.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from contextlib import suppress
+
+from ldt_core.base.experiment import Experiment
+from ldt_core.base.sentences import listed, spoken
+from ldt_core.base.threads import one_thread
+from ldt_core.effects.change_description import apart
+from ldt_core.models.base import Model
+from ldt_core.models.causes import Causes
+from ldt_core.models.grey_box import GreyBoxModel
+from ldt_core.physics.effect import Effect
+from ldt_core.physics.machine_sizes import is_amount, is_limit
+from ldt_core.twin.candidates import UNLEARNABLE
+
+#: Turns, between rise and fall, from which on an amount is another one each time: a machine that is
+#: repaired has one.
+TURNS = 2
+
+
+def doubts(
+    model: Model, before: Model, earlier: Sequence[Model], experiments: Sequence[Experiment]
+) -> dict[str, str]:
+    """Names of effects that are not known to act, and why.
+
+    One that the experiments are explained without as well, by the machine's own parameters within
+    their tolerances: that it acts would rest on the machine not having changed. And one that
+    contradicts itself from version to version, beyond chance.
+
+    Args:
+        model: that comes into force.
+        before: that was in force.
+        earlier: that were in force before, `before` the last.
+        experiments: the newest, or the last ones of few samples.
+    """
+    if not isinstance(model, GreyBoxModel):
+        return {}
+    known, causes = before.causes if isinstance(before, GreyBoxModel) else Causes(), model.causes
+    found = {}
+    for effect in model.effects:
+        if not (causes.name(effect) and causes.moved(known, effect)):
+            continue
+        name = spoken(effect.name)
+        if _contradicts(effect, [*earlier, model]):
+            found[effect.name] = f"the {name} that explains it is another one each time"
+            if effect.states:
+                states = listed(map(spoken, effect.states))
+                found[effect.name] += f" (nobody measures its {states} at the start)"
+        elif _needless(model, effect, experiments):
+            found[effect.name] = f"the machine's own parameters explain it without {name}, too"
+    return found
+
+
+def _needless(model: GreyBoxModel, effect: Effect, experiments: Sequence[Experiment]) -> bool:
+    with one_thread(), suppress(*UNLEARNABLE):
+        return model.explains_without(effect, experiments)
+    return False
+
+
+def _contradicts(effect: Effect, versions: Sequence[Model]) -> bool:
+    """Whether versions that name an effect cannot all be right about it.
+
+    What says how much of it there is may grow, fall when the machine is repaired, and begin anew
+    when it had gone; all else is the machine's for good, but for the angle at the start.
+    """
+    causes = [m.causes for m in versions if isinstance(m, GreyBoxModel)]
+    naming = [c for c in causes if c.name(effect)]
+    gone = max((i for i, c in enumerate(causes) if effect.name not in c.given), default=-1)
+    row = [c for c in causes[gone + 1 :] if c in naming]
+    for p in effect.parameters:
+        amount = is_amount(p) or is_limit(p)
+        known = [c.interval(effect).get(p.name) for c in (row if amount else naming)]
+        ways = _ways(known)
+        turns = sum(one != other for one, other in itertools.pairwise(ways))
+        if turns >= TURNS or (ways and not amount and not p.cyclic):
+            return True
+    return False
+
+
+def _ways(intervals: Sequence[tuple[float, float] | None]) -> list[int]:
+    """Its changes beyond chance: 1 where it rises, -1 where it falls."""
+    ways, last = [], None
+    for here in intervals:
+        way = apart(last, here)
+        if way:
+            ways.append(way)
+        if way or last is None:
+            last = here
+    return ways

@@ -1,0 +1,85 @@
+"""What a prediction uses and a sentence may not claim."""
+
+from __future__ import annotations
+
+import pytest
+
+from ldt_core.effects import get_effect
+from ldt_core.machine.machine_file import load_machine
+from ldt_core.machine.plant import Plant
+from ldt_core.models.grey_box import GreyBoxModel
+from ldt_core.twin.cause_doubts import doubts
+
+DC = load_machine("dc_motor")
+PLAIN = GreyBoxModel(DC)
+LOAD, HEATING = "constant_load", "winding_heating"
+
+
+def version(number, name, **amounts):
+    """In which one effect acts; its amounts are known to 2 %."""
+    given = {name: {n: float(v) for n, v in amounts.items()}}
+    ends = {name: {n: sorted((0.98 * v, 1.02 * v)) for n, v in amounts.items()}}
+    told = {**PLAIN.parameters, "effects": given, "intervals": ends}
+    return GreyBoxModel(DC, told, number)
+
+
+def row(name, *amounts):
+    """Versions with these amounts, one after the other."""
+    return [version(i, name, **given) for i, given in enumerate(amounts, 1)]
+
+
+def doubt(versions, experiment):
+    *earlier, model = versions
+    return doubts(model, earlier[-1], earlier, [experiment])
+
+
+@pytest.fixture(scope="module")
+def loaded():
+    """An experiment that no parameters within tolerance explain without its load."""
+    use = [get_effect(LOAD).used({"torque": 0.05})]
+    return Plant(DC, experiments=1, seed=8, degradation="none", effects=use).experiment(1)
+
+
+@pytest.mark.parametrize(
+    ("torques", "known"),
+    [
+        ([0.02, 0.03, 0.05], True),  # grows
+        ([0.02, 0.04, 0.03, 0.02, 0.05], False),  # another one each time
+        ([0.02, 0.08, 0.06, 0.05], True),  # is repaired
+        ([0.02, 0.0201, 0.02, 0.0201, 0.05], True),  # known no better than that
+    ],
+)
+def test_an_amount_that_goes_up_and_down_is_not_told(loaded, torques, known):
+    """Each statement contradicts the last one; wear and one repair do not."""
+    found = doubt(row(LOAD, *({"torque": t} for t in torques)), loaded)
+    assert found == ({} if known else {LOAD: f"the {LOAD.replace('_', ' ')} {EACH_TIME}"})
+
+
+EACH_TIME = "that explains it is another one each time"
+
+
+def test_what_is_the_machines_for_good_does_not_change(loaded):
+    """A warming of another time constant is another cause, or began warm."""
+    warm = [{"thermal_resistance": 3.0, "time_constant": t} for t in (50.0, 20.0)]
+    first, last = row(HEATING, *warm)
+    for versions in ([PLAIN, first, last], [first, PLAIN, last]):
+        found = doubt(versions, loaded)
+        assert EACH_TIME in found[HEATING]
+        assert "temperature rise at the start" in found[HEATING]
+
+
+def test_versions_before_it_went_are_no_part_of_the_row(loaded):
+    """A load that has gone comes again by another amount."""
+    up, down, last = row(LOAD, {"torque": 0.02}, {"torque": 0.04}, {"torque": 0.05})
+    assert doubt([up, down, up, PLAIN, last], loaded) == {}
+
+
+def test_a_cause_that_the_machines_tolerances_do_without_is_not_told(loaded):
+    """That it acts would rest on the machine not having changed between two experiments."""
+    healthy = Plant(DC, experiments=1, seed=8, degradation="none").experiment(1)
+    acting = version(1, LOAD, torque=0.05)
+    words = "the machine's own parameters explain it without constant load, too"
+    assert doubt([PLAIN, acting], healthy) == {LOAD: words}
+    assert doubt([PLAIN, acting], loaded) == {}
+    change = acting.change(PLAIN, {LOAD: words})
+    assert change == f"what has changed is not known: {words}"
