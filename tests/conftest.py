@@ -20,6 +20,8 @@ from programs import Programs
 
 import msgs_config
 from ldt_core.__main__ import COLLECT_AFTER
+from ldt_core.views.page import blocks
+from ldt_core.views.page.style import WIDE
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 MEASURED = REPOSITORY.parent / "shared" / "data"
@@ -132,6 +134,23 @@ def short_rotor(tmp_path_factory: pytest.TempPathFactory) -> str:
     file = tmp_path_factory.mktemp("machine") / "short_rotor.yaml"
     file.write_text(yaml.safe_dump(data))
     return str(file)
+
+
+@pytest.fixture(scope="module")
+def in_one_layout() -> Iterator[None]:
+    """A page's figures are drawn for wide screens alone: drawing is half of a diagnosis."""
+    drawn = blocks.inline_svg
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(
+            blocks, "inline_svg", lambda *what: drawn(*what) if what[1] is WIDE else "<svg></svg>"
+        )
+        yield
+
+
+@pytest.fixture
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A page's figures are not drawn at all."""
+    monkeypatch.setattr(blocks, "inline_svg", lambda drawing, layout: "<svg></svg>")
 
 
 @pytest.fixture

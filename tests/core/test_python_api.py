@@ -275,8 +275,8 @@ def test_a_run_is_drawn(run, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_diagnosis_is_that_of_the_command(folder, worn, tmp_path, capsys):
-    """Key by key; drawn and saved."""
+def test_a_diagnosis_is_that_of_the_command(folder, worn, tmp_path, capsys, undrawn):
+    """Key by key; drawn and saved, a page without its figures."""
     pytest.importorskip("matplotlib")
     from ldt_core.effects import EFFECTS
 
