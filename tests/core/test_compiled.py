@@ -73,7 +73,6 @@ def _called(folder: Path, change: str = "") -> tuple[float, int, bool]:
 
 def _called_here(folder: Path) -> tuple[float, int]:
     """The same in this process, where the compiler is ready: nothing is known of a call before."""
-    file = folder / "of_a_file.py"
     spec = importlib.util.spec_from_file_location("of_a_file", folder / "of_a_file.py")
     assert spec
     assert spec.loader
