@@ -32,7 +32,8 @@ FIRST = ("test_docs.py", "test_hung.py", "test_house.py", "test_watch_browser.py
 #: Files of the most processor time, above 20 s each: begun late, one of them would be last alone.
 LONGEST = {
     *("test_crashes.py", "test_up.py", "test_diagnose.py", "test_verdict.py"),
-    *("test_real_machines.py", "test_tuning.py"),
+    *("test_real_machines.py", "test_tuning.py", "test_contest.py"),
+    *("test_bench_faults.py", "test_robustness_short.py"),
 }
 
 # Compiling takes seconds at the first call and shared machines stall: time is not what is tested.
