@@ -22,11 +22,12 @@ from ldt_core.base.errors import FAULTS, OptionError, did_you_mean, reason_of
 
 def entry_points(group: str) -> metadata.EntryPoints:
     """What installed packages offer under a group, in no particular order."""
-    return _entry_points(tuple(sys.path)).select(group=group)
+    found: metadata.EntryPoints = _entry_points(tuple(sys.path)).select(group=group)
+    return found
 
 
 @functools.lru_cache
-def _entry_points(path: tuple[str, ...]) -> metadata.EntryPoints:
+def _entry_points(path: tuple[str, ...]) -> Any:  # of another type before Python 3.12
     # Hundreds of small files are read, whatever the group, which takes as long as a training.
     return metadata.entry_points()
 
