@@ -20,6 +20,8 @@ from programs import Programs
 
 import msgs_config
 from ldt_core.__main__ import COLLECT_AFTER
+from ldt_core.views.page import blocks
+from ldt_core.views.page.style import WIDE
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 MEASURED = REPOSITORY.parent / "shared" / "data"
@@ -30,7 +32,8 @@ FIRST = ("test_docs.py", "test_hung.py", "test_house.py", "test_watch_browser.py
 #: Files of the most processor time, above 20 s each: begun late, one of them would be last alone.
 LONGEST = {
     *("test_crashes.py", "test_up.py", "test_diagnose.py", "test_verdict.py"),
-    *("test_real_machines.py", "test_tuning.py"),
+    *("test_real_machines.py", "test_tuning.py", "test_contest.py"),
+    *("test_bench_faults.py", "test_robustness_short.py"),
 }
 
 # Compiling takes seconds at the first call and shared machines stall: time is not what is tested.
@@ -132,6 +135,23 @@ def short_rotor(tmp_path_factory: pytest.TempPathFactory) -> str:
     file = tmp_path_factory.mktemp("machine") / "short_rotor.yaml"
     file.write_text(yaml.safe_dump(data))
     return str(file)
+
+
+@pytest.fixture(scope="module")
+def in_one_layout() -> Iterator[None]:
+    """A page's figures are drawn for wide screens alone: drawing is half of a diagnosis."""
+    drawn = blocks.inline_svg
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(
+            blocks, "inline_svg", lambda *what: drawn(*what) if what[1] is WIDE else "<svg></svg>"
+        )
+        yield
+
+
+@pytest.fixture
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A page's figures are not drawn at all."""
+    monkeypatch.setattr(blocks, "inline_svg", lambda drawing, layout: "<svg></svg>")
 
 
 @pytest.fixture

@@ -22,13 +22,14 @@ from ldt_core.base.errors import FAULTS, OptionError, did_you_mean, reason_of
 
 def entry_points(group: str) -> metadata.EntryPoints:
     """What installed packages offer under a group, in no particular order."""
-    return _entry_points(group, tuple(sys.path))
+    found: metadata.EntryPoints = _entry_points(tuple(sys.path)).select(group=group)
+    return found
 
 
 @functools.lru_cache
-def _entry_points(group: str, path: tuple[str, ...]) -> metadata.EntryPoints:
-    # Hundreds of small files are read, which takes as long as a training.
-    return metadata.entry_points(group=group)
+def _entry_points(path: tuple[str, ...]) -> Any:  # of another type before Python 3.12
+    # Hundreds of small files are read, whatever the group, which takes as long as a training.
+    return metadata.entry_points()
 
 
 class Registry:

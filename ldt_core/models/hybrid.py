@@ -136,7 +136,9 @@ class HybridModel(Model):
         runs = []
         for e in experiments:
             current = float(self.start(e)[0])
-            speed = e.speed - self.known_effects(e) if self._more_than_motor else e.speed
+            speed = e.speed.copy()  # for read-only speeds all would be compiled again
+            if self._more_than_motor:
+                speed -= self.known_effects(e)
             runs.append(MotorRun(*self.motor(e.period), e.period, e.voltage, speed, current))
         inputs, most = self.options["gp_inputs"], self.options["inducing"]
         learned = learn(runs, inputs, most)

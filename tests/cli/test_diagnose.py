@@ -16,6 +16,9 @@ from ldt_core.machine.machine_file import load_machine
 from ldt_core.recording.bag import read_bag
 from ldt_core.recording.writer import BagWriter
 
+#: Figures are drawn for this module's cases alone.
+pytestmark = pytest.mark.usefixtures("in_one_layout", "undrawn")
+
 ROTOR = load_machine("rotor")
 TRIED = ("coulomb_friction", "viscous_friction", "inertia", "constant_load", "quadratic_drag")
 BAD = 2
@@ -75,14 +78,6 @@ class Case:
         given = without(*TRIED) if options is None else options
         self.code = call(self.bag, "--out", self.out, *given)
         self.found = json.loads((self.out / "diagnosis.json").read_text())
-
-
-@pytest.fixture(autouse=True)
-def undrawn(monkeypatch):
-    """A page's figures, which take seconds, are drawn for this module's cases alone."""
-    monkeypatch.setattr(
-        "ldt_core.views.page.blocks.inline_svg", lambda drawing, layout: "<svg></svg>"
-    )
 
 
 @pytest.fixture(scope="module")

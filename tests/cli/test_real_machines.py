@@ -12,6 +12,8 @@ import ldt_core as ldt
 from ldt_core.cli import calibrate, diagnose, identify, import_file, invoke, predict
 from ldt_core.effects import EFFECTS
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 
 def call(command, *arguments):
     assert invoke(command.command, [str(a) for a in arguments]) == 0

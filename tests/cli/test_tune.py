@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import pytest
@@ -30,6 +31,15 @@ def bag(tmp_path_factory, short_rotor):
     words = f"--machine {short_rotor} --experiments 24 --seed 4 --degradation ramp --out {out}"
     assert invoke(simulation.command, words.split()) == 0
     return out
+
+
+@pytest.fixture(scope="module")
+def tuned(tmp_path_factory, bag, short_rotor):
+    """(command line, folder) of one that is done, and only says so when it is called again."""
+    out = tmp_path_factory.mktemp("tuned") / "out"
+    words = [bag, "--machine", short_rotor, *QUICK, "--detector", "window", "--adaptations", "4"]
+    assert call(*words, "--out", out) == 0
+    return words, out
 
 
 def test_the_commands_and_the_core_know_the_same_detectors():
@@ -62,10 +72,10 @@ def test_the_sample_recording_is_tuned_end_to_end(tmp_path, capsys):
         assert again["mme"] == pytest.approx(record["mme"], rel=1e-12)
 
 
-def test_it_says_why(bag, short_rotor, tmp_path, capsys):
+def test_it_says_why(tuned, capsys):
     """Sentence first, then the reasons, then what to paste."""
-    words = ["--machine", short_rotor, *QUICK, "--detector", "window"]
-    assert call(bag, *words, "--adaptations", "4", "--out", tmp_path / "out") == 0
+    words, out = tuned
+    assert call(*words, "--out", out) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].startswith("window with window ")
     assert "at most 4 adaptations" in lines[0]
@@ -87,11 +97,13 @@ def test_a_budget_that_nothing_keeps_is_said_with_the_nearest(bag, short_rotor, 
     assert (out / "tradeoff.png").exists()
 
 
-def test_another_recordings_result_is_not_replaced_without_a_word(bag, short_rotor, tmp_path):
+def test_another_recordings_result_is_not_replaced_without_a_word(
+    tuned, bag, short_rotor, tmp_path
+):
     """The same recording goes on in its folder, also by another budget."""
     out, other = tmp_path / "out", tmp_path / "other"
+    shutil.copytree(tuned[1], out)
     words = ["--machine", short_rotor, *QUICK, "--detector", "window", "--out", out]
-    assert call(bag, *words, "--adaptations", "4") == 0
     assert call(bag, *words, "--adaptations", "5") == 0
     before = (out / "tune.json").read_bytes()
     made = f"--machine {short_rotor} --experiments 24 --seed 5 --degradation ramp --out {other}"

@@ -86,14 +86,6 @@ def page(kind, diagnoses, tmp_path_factory):
     return written(diagnoses[kind], tmp_path_factory.mktemp("page"))
 
 
-@pytest.fixture
-def undrawn(monkeypatch):
-    """The figures' drawing, which is slow, is left out."""
-    monkeypatch.setattr(
-        "ldt_core.views.page.blocks.inline_svg", lambda drawing, layout: "<svg></svg>"
-    )
-
-
 def test_the_answer_comes_first(page, kind, diagnoses):
     """Verdict, a short sentence, confidence and the curves under the title; then all of it."""
     verdict = diagnoses[kind].verdict
@@ -509,7 +501,7 @@ def test_a_unit_that_explains_the_gap_is_mended_before_anything_is_added():
 
 
 @pytest.mark.parametrize("kind", ["effect", "ambiguous", "unknown", "none"])
-def test_what_to_do_next_stands_with_the_answer(kind):
+def test_what_to_do_next_stands_with_the_answer(kind, undrawn):
     """A command, or the section with the experiment that tells causes apart; above the picture."""
     shown = diagnosis_page.page(fake_diagnosis(kind))
     step = shown.index('<p class="step">Next, ')

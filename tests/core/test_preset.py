@@ -12,12 +12,9 @@ from ldt_core.base.settings import PRESETS, preset, resolve
 from ldt_core.cli import invoke
 from ldt_core.cli import ldt as command
 from ldt_core.lab.study.study_plan import StudyPlan
-from ldt_core.machine import Plant
-from ldt_core.machine.machine_file import load_machine
 from ldt_core.recording.bag import read_bag
 from ldt_core.recording.run_settings import LEFT_OUT
 from ldt_core.restart.run_key import resumed
-from ldt_core.runs.offline import run
 
 PAPER = PRESETS["paper"]
 EXPLICIT = (
@@ -132,12 +129,3 @@ def test_a_run_under_other_defaults_goes_on_under_its_own(tmp_path, short_rotor)
     before = settings_of(tmp_path, short_rotor, *EXPLICIT)
     found = resumed(resolve({"resume": str(tmp_path / "run"), "machine": short_rotor}))
     assert before.items() <= found.items()
-
-
-@pytest.mark.slow
-def test_the_first_command_leaves_less_than_a_third():
-    """The README's first command, offline: the same numbers as the graph's."""
-    machine, given = load_machine("rotor"), resolve({"experiments": 40, "seed": 3})
-    plant = Plant.from_settings(machine, given)
-    summary = run(machine, given, map(plant.experiment, range(1, 41)), None)
-    assert summary.mme <= 0.30 * summary.mme_original

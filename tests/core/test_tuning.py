@@ -57,13 +57,19 @@ SETTINGS = resolve({"model": f"{FAKE}:Level", "gate": "none", "data": "warning-s
 @pytest.fixture(autouse=True)
 def short_streams(monkeypatch, request):
     """Streams as short as they may be, where no rate of false alarms is looked at."""
-    if "tmp_path" in request.fixturenames:
+    if {"tmp_path", "folder"} & set(request.fixturenames):
         monkeypatch.setattr(in_control, "STREAMS", 5)
         monkeypatch.setattr(in_control, "LENGTH", 20)
 
 
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Of several tests: what one of them has tried is not tried again by the next."""
+    return tmp_path_factory.mktemp("tuned")
+
+
 def tuned(tmp_path, budget, experiments=None, **how):
-    how = {"jobs": 1, "values": 6, "in_control": "1:20", **how}
+    how = {"jobs": 1, "values": 4, "in_control": "1:20", **how}
     experiments = recording() if experiments is None else experiments
     return tune(MACHINE, SETTINGS, experiments, budget, tmp_path / "out", **how)
 
@@ -79,9 +85,9 @@ def made(detector="threshold", value=1.0, errors=(1.0,) * 10, adaptations=0):
 # ---- the known answer
 
 
-def test_the_threshold_between_noise_and_drift_is_found(tmp_path):
+def test_the_threshold_between_noise_and_drift_is_found(folder):
     """Four steps of 1 rad/s in noise of 0.1: four adaptations, one at each step, at the floor."""
-    found = tuned(tmp_path, Budget(adaptations=4), detectors=("threshold", "window"))
+    found = tuned(folder, Budget(adaptations=4), detectors=("threshold", "window"))
     best = found.choice.chosen
     assert best.setting.detector == "threshold"
     assert 0.3 < best.setting.value < 1.3
@@ -91,20 +97,20 @@ def test_the_threshold_between_noise_and_drift_is_found(tmp_path):
     assert best.mme == pytest.approx(noise + len(STEPS) / 60, rel=0.1)
 
 
-def test_every_detector_keeps_the_budget_it_is_chosen_for(tmp_path):
+def test_every_detector_keeps_the_budget_it_is_chosen_for(folder):
     """With fewer adaptations than drifts the error is larger, and the budget kept all the same."""
     errors = []
-    for most_adaptations in (1, 2, 4, 60):  # in one folder: most is tried once
-        found = tuned(tmp_path, Budget(adaptations=most_adaptations), values=4)
+    for most_adaptations in (1, 2, 4, 60):
+        found = tuned(folder, Budget(adaptations=most_adaptations))
         assert found.choice.chosen.adaptations <= most_adaptations
         errors.append(found.choice.chosen.mme)
     assert errors[0] > errors[1] > errors[2] * 1.2
     assert errors[3] == pytest.approx(errors[2], rel=0.02)
 
 
-def test_a_stated_rate_of_false_alarms_is_kept(tmp_path):
+def test_a_stated_rate_of_false_alarms_is_kept(folder):
     """Chosen for one in 200, the detector is all but silent in control and finds the steps."""
-    found = tuned(tmp_path, Budget(every=200), values=4)
+    found = tuned(folder, Budget(every=200))
     best = found.choice.chosen
     assert sum(v == 1 for v in best.level[:20]) == 0
     assert {i for i, v in enumerate(best.level, start=1) if v == 1} >= set(STEPS)
@@ -342,9 +348,9 @@ def test_without_experiments_in_control_the_rate_is_unknown(tmp_path):
     assert tuning_record(found)["tried"][0]["false_alarm_rate"] is None
 
 
-def test_what_it_writes_can_be_used(tmp_path):
+def test_what_it_writes_can_be_used(folder, tmp_path):
     """The settings are parameters that the twin takes; the table has a row a setting."""
-    found = tuned(tmp_path, Budget(adaptations=4, every=50), values=2)
+    found = tuned(folder, Budget(adaptations=4, every=50))
     write_results(found, tmp_path)
     record = json.loads((tmp_path / FILE).read_text())
     assert resolve(record["settings"])["detector"] == found.choice.chosen.setting.detector
@@ -360,9 +366,9 @@ def test_what_it_writes_can_be_used(tmp_path):
     assert all(int(r["adaptations"]) <= 4 for r in table if r["keeps_budget"] == "True")
 
 
-def test_the_reasons_name_what_was_given_up(tmp_path):
+def test_the_reasons_name_what_was_given_up(folder):
     """A budget that costs error says how much, and every other detector its best."""
-    found = tuned(tmp_path, Budget(adaptations=2), detectors=("threshold", "window"))
+    found = tuned(folder, Budget(adaptations=2), detectors=("threshold", "window"))
     text = " ".join([choice_sentence(found), *why(found)])
     assert "at most 2 adaptations" in text
     assert "without the budget" in text
@@ -375,12 +381,11 @@ def test_the_reasons_name_what_was_given_up(tmp_path):
     assert "learning gained nothing" in " ".join(why(still))
 
 
-def test_the_picture_is_drawn(tmp_path):
+def test_the_picture_is_drawn(folder, tmp_path):
     pytest.importorskip("matplotlib")
     from ldt_core.lab.tuning.tuning_figure import write_figure
 
-    few = {"values": 3, "detectors": ("threshold", "window")}
-    found = tuned(tmp_path, Budget(adaptations=4, every=50), **few)
+    found = tuned(folder, Budget(adaptations=4, every=50), detectors=("threshold", "window"))
     without = replace(found, control=None, budget=Budget(adaptations=4))
     for case in (found, without, replace(found, budget=Budget(every=2))):
         for file in write_figure(case, tmp_path):

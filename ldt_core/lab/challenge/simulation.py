@@ -115,7 +115,7 @@ def _active(plant: Any) -> NDArray[np.int64]:
 
 def _supplied(plant: Any, volts: Array, period: float, random: np.random.Generator) -> Array:
     """(S,) what the drive makes of its commands [V]."""
-    supplied = np.asarray(volts, dtype=np.float64)
+    supplied = np.array(volts, dtype=np.float64)  # for read-only ones all would be compiled again
     if math.isfinite(plant["limit"]):
         size = np.abs(supplied)
         if plant["limit_sharpness"] > 0:

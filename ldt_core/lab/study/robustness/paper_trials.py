@@ -61,7 +61,7 @@ class PlainHybrid(HybridModel):
         rows = []
         for e in experiments:
             motor = self.motor(e.period)
-            run = MotorRun(*motor, e.period, e.voltage, e.speed, float(self.start(e)[0]))
+            run = MotorRun(*motor, e.period, e.voltage, e.speed.copy(), float(self.start(e)[0]))
             rows.append(np.column_stack([e.speed[:-1], one_step(run)[0]]))
         data = np.concatenate(rows)
         data = data[:: -(-len(data) // PLAIN_SAMPLES)]
