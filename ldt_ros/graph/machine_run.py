@@ -28,6 +28,8 @@ from ldt_core.recording.message_subject import Subject, agree
 from ldt_core.recording.node_status import LEFT_OUT, RESUMED_AT, SECOND_PUBLISHER, NodeStatus
 from ldt_core.recording.pace import parse_rate
 from ldt_core.recording.run_settings import settings_text
+from ldt_core.restart.recorded_run import RecordedRun
+from ldt_core.restart.rollback import withdraw
 from ldt_core.restart.run_key import begin_of, check_key
 from ldt_core.runs.fleet_members import Member, fleet, roles, source_of
 from ldt_core.security.permissions import check_namespace
@@ -191,6 +193,7 @@ def machine_runs(settings: Mapping[str, Any]) -> list[MachineRun]:
         own["run_settings"] = settings_text(own)
         if own["resume"]:
             check_key(read_bag(run.bag, listed=True), machine, own)
+            run.summary.note(*withdraw(RecordedRun(run.bag, run.namespace, machine), own))
             own["start_time"] = begin_of(run.bag, own["start_time"])
         if run.source == "plant" and own["start_time"] == FROM_FILE:
             # A plant that is started again must not take another moment for the present.
