@@ -11,6 +11,7 @@ import numpy as np
 from ldt_core.base.experiment import Experiment
 from ldt_core.base.sentences import counted, listed
 from ldt_core.cli.terminal import warn
+from ldt_core.machine.experiment_limits import AMPLITUDE_FACTOR, outsized
 from ldt_core.machine.machine_file import Machine
 from ldt_core.recording.bag import read_bag
 from ldt_core.recording.held_samples import HeldSamples
@@ -29,12 +30,13 @@ def read_recordings(
     Args:
         recordings: folders or files; those of several are numbered on from one to the next.
         namespace: machine whose topics are meant.
-        machine: whose limits the experiments must keep; None when it is not known.
+        machine: what it cannot have made is left out and told; None when it is not known: then
+            what is far beyond the others is.
 
     Raises:
         RecordingError: a recording that cannot be read, or all of them together unpack to more
             samples than such files hold.
-        ExperimentError: an experiment outside the machine's limits.
+        ExperimentError: nothing but experiments outside the machine's limits.
     """
     found: list[Experiment] = []
     seen: dict[bytes, int] = {}
@@ -43,7 +45,11 @@ def read_recordings(
         bag, again = read_bag(recording, namespace), []
         for read in held.of(bag, machine):
             number = len(found) + 1 if len(recordings) > 1 else read.number
-            first = seen.setdefault(_samples(read), number) if np.ptp(read.speed) else number
+            first = (
+                seen.setdefault(_samples(read), number)
+                if (read.speed != read.speed[0]).any()
+                else number
+            )
             if first == number:
                 found.append(read if number == read.number else replace(read, number=number))
             else:
@@ -53,7 +59,24 @@ def read_recordings(
             what = counted(len(again), "experiment")
             few = listed(again[:SHOWN]) + (" and more" if len(again) > SHOWN else "")
             warn(f"{recording}: {what} left out, whose samples came before: {few}")
-    return found
+    return found if machine is not None else _alike(found, recordings[0])
+
+
+def _alike(found: list[Experiment], recording: str) -> list[Experiment]:
+    """Without what no machine can have made that made the others."""
+    odd: set[int] = set()
+    for channel in ("voltage", "speed"):
+        sizes = [float(np.abs(getattr(e, channel)).max()) for e in found]
+        for place in (places := outsized(sizes)):
+            odd.add(place)
+        if places:
+            numbers = listed([str(found[place].number) for place in places[:SHOWN]])
+            more = " and more" if len(places) > SHOWN else ""
+            warn(
+                f"{recording}: left out: {counted(len(places), 'experiment')} with more than "
+                f"{AMPLITUDE_FACTOR:g} times the {channel} of the others: {numbers}{more}"
+            )
+    return [e for place, e in enumerate(found) if place not in odd]
 
 
 def _samples(e: Experiment) -> bytes:

@@ -129,6 +129,11 @@ def _experiments(health: Health) -> list[Finding]:
         told = f"{_listed(health.backwards)} start before the one before has ended"
         remedy = "the machine's clock was set in the run; set it before (ldt doctor looks at it)"
         found.append(warning(name, told, remedy))
+    if health.impossible:
+        why = health.why_impossible or "more than 10000 times the speed of the others"
+        told = f"{_listed(health.impossible)} cannot have been made ({why})"
+        remedy = "commands leave these out; look at the sensor, its unit and the machine file"
+        found.append(warning(name, told, remedy))
     if len(health.samples) > 1:
         told = f"of {len(health.samples)} lengths or sample periods"
         found.append(warning(name, told, "record one kind of experiment in one recording"))

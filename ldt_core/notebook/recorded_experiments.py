@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, overload
 
-from ldt_core.base.errors import ArgumentTypeError, LdtError, described
+from ldt_core.base.errors import ArgumentTypeError, ExperimentError, LdtError, described
 from ldt_core.base.experiment import Action, Experiment, Prediction, Step
 from ldt_core.machine.machine_file import Machine
 from ldt_core.recording.bag import Bag, read_bag
@@ -233,5 +233,9 @@ def possible(recording: ExperimentsLike, machine: MachineLike) -> tuple[Recordin
     """
     found, known = measured(recording, machine)
     for experiment in found:
-        known.check(experiment)
+        try:
+            known.check(experiment)
+        except ExperimentError as error:
+            got = f"{error.got}; [e for e in recording if machine.may_have_made(e)] leaves it out"
+            raise ExperimentError(error.where, error.expected, got) from None
     return found, known

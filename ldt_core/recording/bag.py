@@ -242,18 +242,20 @@ class Bag:
         """Experiments in recorded order; notes repeated and missing numbers.
 
         Args:
-            machine: whose limits they must keep; None when it is not known.
+            machine: what it cannot have made is left out, as a twin does, and noted; None when it
+                is not known.
             refused: as of `usable`.
 
         Raises:
             RecordingError: the recording has no experiments.
-            ExperimentError: a message that is no experiment, or one that the machine cannot have
-                made; says which one.
+            ExperimentError: a message that is no experiment, or nothing but experiments that the
+                machine cannot have made; says which one.
         """
         if self.topic("experiment") is None:
             wanted = f"the topic {self.namespace}/experiment"
             raise RecordingError(self.path, wanted, f"only {', '.join(sorted(self.topics))}")
-        seen, repeated = ExperimentNumbers(), ExperimentNumbers()
+        seen, repeated, impossible = (ExperimentNumbers() for _ in range(3))
+        kept, why = 0, None
         for experiment in self._records("experiment", refused):
             if experiment.number in seen:
                 repeated.add(experiment.number)
@@ -263,11 +265,19 @@ class Bag:
                     machine.check(experiment)
                 except ExperimentError as error:
                     where = f"{self.path}, {error.where}"
-                    raise ExperimentError(where, error.expected, error.got) from None
+                    why = why or ExperimentError(where, error.expected, error.got)
+                    impossible.add(experiment.number)
+                    continue
+            kept += 1
             yield experiment
         if not seen:
             where = f"{self.path}, {self.topic('experiment')}"
             raise RecordingError(where, "experiments", f"none{_because(self.storage)}")
+        if why is not None:
+            if not kept:
+                raise why
+            told = numbered("experiment", impossible.spans, MAX_LISTED_SPANS)
+            self.storage.note(f"{why}; left out, as a twin does: {told}")
         if repeated:
             told = numbered("experiment", repeated.spans, MAX_LISTED_SPANS)
             self.storage.note(f"{self.path}: recorded more than once: {told}")

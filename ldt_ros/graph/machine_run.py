@@ -32,7 +32,6 @@ from ldt_core.restart.recorded_run import RecordedRun
 from ldt_core.restart.rollback import withdraw
 from ldt_core.restart.run_key import begin_of, check_key
 from ldt_core.runs.fleet_members import Member, fleet, roles, source_of
-from ldt_core.security.permissions import check_namespace
 from ldt_ros.graph.process import machine_arguments
 from ldt_ros.graph.secure import enclave_arguments
 
@@ -185,7 +184,6 @@ def machine_runs(settings: Mapping[str, Any]) -> list[MachineRun]:
     if settings["stream"] == "only":
         alone = "'beside' in a graph; `ldt_plant --ros-args -p stream:=only` is a machine alone"
         raise BadInput("stream", alone, "only")
-    check_namespace(settings["namespace"])
     runs = [MachineRun(**vars(member), machine=machine) for member in fleet(machine, settings)]
     for run in runs:
         own = run.settings
