@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from ldt_core.base.errors import ExperimentError, LdtError, RecordingError
 from ldt_core.base.experiment import Experiment
 from ldt_core.base.sentences import counted, listed
 from ldt_core.cli.terminal import warn
@@ -77,6 +79,23 @@ def _alike(found: list[Experiment], recording: str) -> list[Experiment]:
                 f"{AMPLITUDE_FACTOR:g} times the {channel} of the others: {numbers}{more}"
             )
     return [e for place, e in enumerate(found) if place not in odd]
+
+
+@contextlib.contextmanager
+def naming(recordings: Sequence[str]) -> Iterator[None]:
+    """Errors within that are about the recordings name them."""
+    try:
+        yield
+    except LdtError as error:
+        few = listed([*recordings[:SHOWN]]) + (" and more" if len(recordings) > SHOWN else "")
+        if isinstance(error, ExperimentError | RecordingError):
+            what = error.where.removeprefix("the recording").lstrip(", ")
+            if not what.startswith(tuple(recordings)):
+                where = f"{few}, {what}" if what else few
+                raise type(error)(where, error.expected, error.got) from None
+        elif type(error) is LdtError:
+            raise LdtError(f"{few}: {error}") from None
+        raise
 
 
 def _samples(e: Experiment) -> bytes:

@@ -6,7 +6,7 @@ import time
 from collections.abc import Iterable, Mapping
 
 from ldt_core.base.errors import BadInput
-from ldt_core.base.sentences import counted, numbered, plain, spans
+from ldt_core.base.sentences import counted, numbered, plain, some, spans
 from ldt_core.base.settings import as_options
 from ldt_core.doctor.check import Finding, ok, problem, warning
 from ldt_core.recording.bag import namespaces, read_bag
@@ -112,7 +112,7 @@ def _messages(health: Health) -> list[Finding]:
 def _experiments(health: Health) -> list[Finding]:
     name = "experiments"
     if not health.numbers:
-        told = f"none; topics are {', '.join(sorted(health.counts)) or 'none'}"
+        told = f"none; topics are {some(sorted(health.counts)) or 'none'}"
         return [problem(name, told, "make them of other topics by ldt import")]
     found = []
     if health.missing:

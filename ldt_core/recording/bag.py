@@ -18,7 +18,7 @@ from ldt_core.base.experiment import (
     Prediction,
     Signal,
 )
-from ldt_core.base.sentences import counted, numbered
+from ldt_core.base.sentences import counted, numbered, some
 from ldt_core.recording.codec import DECODERS, Record, decode_cdr
 from ldt_core.recording.experiment_numbers import ExperimentNumbers
 from ldt_core.recording.messages import deserialize, quoted
@@ -253,7 +253,7 @@ class Bag:
         """
         if self.topic("experiment") is None:
             wanted = f"the topic {self.namespace}/experiment"
-            raise RecordingError(self.path, wanted, f"only {', '.join(sorted(self.topics))}")
+            raise RecordingError(self.path, wanted, f"only {some(sorted(self.topics))}")
         seen, repeated, impossible = (ExperimentNumbers() for _ in range(3))
         kept, why = 0, None
         for experiment in self._records("experiment", refused):
@@ -303,20 +303,20 @@ def read_bag(path: str | Path, namespace: str | None = None, listed: bool = Fals
     storage = Storage(path, listed)
     machines = namespaces(storage.topics)
     if not machines:
-        there = ", ".join(f"{t} ({k})" for t, k in sorted(storage.topics.items())) or "no messages"
+        there = some([f"{t} ({k})" for t, k in sorted(storage.topics.items())]) or "no messages"
         got = f"only {there}" if storage.topics else f"{there}{_because(storage)}"
         wanted = "a topic named experiment (ldt import makes one of any other recording)"
         raise RecordingError(path, wanted, got)
     if not namespace:
         if len(machines) > 1:
-            shown = ", ".join(m or "/" for m in machines)
+            shown = some([m or "/" for m in machines])
             raise RecordingError(
                 path, "one machine, or a namespace to choose one (--namespace)", f"{shown}"
             )
         return Bag(storage, machines[0])
     wanted = "/" + namespace.strip("/") if namespace.strip("/") else ""
     if wanted not in machines:
-        shown = ", ".join(m or "/" for m in machines)
+        shown = some([m or "/" for m in machines])
         raise RecordingError(path, f"a machine under {wanted or '/'}", f"only {shown}")
     return Bag(storage, wanted)
 

@@ -14,6 +14,7 @@ from typing import Any
 import yaml
 
 import msgs_config
+from ldt_core.base import result_files
 from ldt_core.base.errors import BadInput, UnansweredExperiment
 from ldt_core.base.metrics import Summary
 from ldt_core.base.printable import file_name
@@ -261,8 +262,8 @@ def write_parameters(run: MachineRun, folder: Path, **others: str) -> str:
     values = {n: v for n, v in run.settings.items() if v != defaults[n]}
     if run.settings["machine"] not in msgs_config.machine_names():
         machine = folder / f"{file_name(run.name)}.machine.yaml"
-        machine.write_text(yaml.safe_dump(run.machine.as_dict(), allow_unicode=True))
+        result_files.write(machine, yaml.safe_dump(run.machine.as_dict(), allow_unicode=True))
         values["machine"] = str(machine)
     file = folder / f"{file_name(run.name)}.yaml"
-    file.write_text(yaml.safe_dump({"/**": {"ros__parameters": {**values, **others}}}))
+    result_files.write(file, yaml.safe_dump({"/**": {"ros__parameters": {**values, **others}}}))
     return str(file)
