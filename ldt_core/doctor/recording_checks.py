@@ -100,12 +100,12 @@ def _messages(health: Health) -> list[Finding]:
     found = []
     for topic, (count, why) in sorted(health.unreadable.items()):
         told = f"{topic}: {count} cannot be used, the first because {why}"
-        if health.judged and count < health.counts[topic]:
-            remedy = "the twin left them out, and so do commands; fix what published them"
-            found.append(warning("messages", told, remedy))
-        else:
+        some_left = count < health.counts[topic]
+        remedy = "commands leave them out, as a twin does; fix what publishes them"
+        if not some_left:
             remedy = "commands refuse these messages: fix what publishes them, and record again"
-            found.append(problem("messages", told, remedy))
+        line = warning if health.judged and some_left else problem
+        found.append(line("messages", told, remedy))
     return found
 
 

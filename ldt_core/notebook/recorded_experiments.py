@@ -143,7 +143,7 @@ def read(path: str | os.PathLike[str], namespace: str | None = None) -> Recordin
     Raises:
         RecordingError: no such file, no recording, several machines, no experiments, or a
             small file that unpacks to gigabytes of them.
-        ExperimentError: a message that is not an experiment.
+        ExperimentError: nothing but messages that are no experiment.
         ArgumentTypeError: not a path.
     """
     if not isinstance(path, str | os.PathLike):

@@ -173,19 +173,19 @@ class Bag:
     ) -> Iterator[tuple[RawMessage, Any]]:
         """Messages with the records in them; messages themselves where none is declared.
 
-        What a twin could not use when it came it counted and left out, whoever had sent it; so it
-        is left out here, with a note, where a twin took part.
+        What a twin cannot use when it comes it counts and leaves out, whoever has sent it; so it is
+        left out here, with a note.
 
         Args:
             raws: of any topics, as stored.
             whole: whether these are all of their topics.
             refused: told of each message that is no such record, in a recording of a machine
-                alone; None raises it.
+                alone; None notes them.
 
         Raises:
-            RecordingError, ExperimentError, ModelError: a message that is no such record, in a
-                recording of a machine alone, or a whole topic of nothing else; says which one.
-                More than MOST_UNUSABLE of which `refused` is told.
+            RecordingError, ExperimentError, ModelError: a whole topic of nothing but messages that
+                are no such record; says the first. More than MOST_UNUSABLE of them, in a recording
+                of a machine alone.
         """
         used: set[str] = set()
         left_out: Counter[str] = Counter()
@@ -195,23 +195,20 @@ class Bag:
                 record = self.decoded(raw, index)
             except BadInput as error:
                 first.setdefault(raw.topic, error)
-                if self.judged:
-                    left_out[raw.topic] += 1
-                elif refused is not None:
-                    refused(error)
-                    left_out[raw.topic] += 1
+                left_out[raw.topic] += 1
+                if not self.judged:
+                    if refused is not None:
+                        refused(error)
                     refuse_more_unusable(left_out[raw.topic], f"{self._place}, {raw.topic}")
-                else:
-                    raise
                 continue
             used.add(raw.topic)
             yield raw, record
         for topic, unusable in first.items():
             if whole and topic not in used:
                 raise unusable
-        for topic, count in left_out.items() if self.judged else ():
+        for topic, count in left_out.items() if refused is None or self.judged else ():
             self.storage.note(
-                f"{counted(count, 'message')} of {topic} left out, as the twin did, "
+                f"{self.path}: {counted(count, 'message')} of {topic} left out, as a twin does, "
                 f"the first because {first[topic]}"
             )
 
@@ -248,8 +245,8 @@ class Bag:
 
         Raises:
             RecordingError: the recording has no experiments.
-            ExperimentError: a message that is no experiment, or nothing but experiments that the
-                machine cannot have made; says which one.
+            ExperimentError: nothing but messages that are no experiment, or experiments that the
+                machine cannot have made; says the first.
         """
         if self.topic("experiment") is None:
             wanted = f"the topic {self.namespace}/experiment"
@@ -344,7 +341,7 @@ def experiments(path: str | Path, namespace: str | None = None) -> Recorded:
 
     Raises:
         RecordingError: as `read_bag`, or without experiments.
-        ExperimentError: a message that is no experiment.
+        ExperimentError: nothing but messages that are no experiment.
     """
     bag = read_bag(path, namespace)
     found = list(bag.experiments())

@@ -146,11 +146,15 @@ class TwinRestart:
 
         Raises:
             RecordingError: a recording that cannot be read, or that this twin cannot have made.
+            ModelError: nobody can use the version in force (see `rollback.withdraw`).
         """
         for step in self._run.steps(*[r.return_to_checkpoint() for r in self._stages]):
             self._last, self._count = step.experiment, self._count + 1
             self.recall(step)
-        for why in self._twin.adaptor.unusable.values():
+        adaptor = self._twin.adaptor
+        if error := adaptor.unusable.get(adaptor.model.version):
+            raise error
+        for why in adaptor.unusable.values():
             self._log(f"{self._run.path}, {why}; the version before it stands in its place")
         return self._last.number if self._last else 0
 

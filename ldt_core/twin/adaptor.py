@@ -121,7 +121,7 @@ class Adaptor:
         #: Models that were in force before, the very first one first.
         self.earlier: list[Model] = []
         #: Recorded versions that nobody can use, each with the reason; see `recall`.
-        self.unusable: dict[int, str] = {}
+        self.unusable: dict[int, ModelError] = {}
         #: Whether the operator wants nothing to be learned at present.
         self.paused = False
         self.diagnoser = diagnoser
@@ -252,6 +252,7 @@ class Adaptor:
 
         Raises:
             RecordingError: a step after which another model is in force than here.
+            ModelError: the first model is of another kind, and cannot be this twin's.
         """
         experiment, told = step.experiment, step.adaptation
         model = self._recorded(step)
@@ -286,7 +287,9 @@ class Adaptor:
             model = self._restore(step.model)
             try_out(model, step.experiment)
         except ModelError as error:
-            self.unusable[version] = str(error)
+            if not self.earlier and step.model.kind != self.model.kind:
+                raise  # the first one already is another twin's
+            self.unusable[version] = error
             return self.model.again(version)
         return model
 
