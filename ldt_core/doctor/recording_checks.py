@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable, Mapping
 
-from ldt_core.base.errors import BadInput
+from ldt_core.base.errors import BadInput, LdtError
 from ldt_core.base.sentences import counted, numbered, plain, some, spans
 from ldt_core.base.settings import as_options
 from ldt_core.doctor.check import Finding, ok, problem, warning
@@ -14,6 +14,7 @@ from ldt_core.recording.health import ANSWERS, Health, inspect
 from ldt_core.recording.repair import Mended, repair
 from ldt_core.recording.storage import Storage
 from ldt_core.restart.learning_switch import LearningSwitch
+from ldt_core.restart.rollback import history
 
 MAX_LISTED = 5  # stretches of numbers that a line shows
 #: Remedies.
@@ -68,6 +69,16 @@ def findings(health: Health) -> list[Finding]:
         *_learning(health),
         *_settings(health),
     ]
+
+
+def model_findings(path: str, namespace: str) -> list[Finding]:
+    """A line on each model version of a run that cannot be used; none where that cannot be told."""
+    try:
+        found = history(path, namespace)
+    except LdtError:  # no run, or one of a machine file or a version that are not here
+        return []
+    remedy = "a run that is resumed leaves it out; ldt rollback goes back to another one by hand"
+    return [warning("models", why, remedy) for why in found.unusable.values()]
 
 
 def _files(health: Health) -> list[Finding]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from ldt_core.base.errors import (
@@ -95,11 +97,14 @@ def try_out(model: Model, experiment: Experiment) -> None:
     """Let a model predict an experiment of its machine before it comes into force.
 
     Raises:
-        ModelError: it fails, or what it predicts is not finite.
+        ModelError: it fails, or predicts what is not finite, or no speed of this machine.
     """
     try:
         with np.errstate(all="ignore"):  # whatever overflows shows in what comes out
-            _judged(model, experiment)
+            predicted = _judged(model, experiment).speed
+        machine = model.machine  # a model of the user's own may have none
+        if machine is not None and machine.may_have_made(experiment):
+            machine.check(replace(experiment, speed=predicted))
     except FAULTS as error:
         expected = f"one that can predict experiment {experiment.number}"
         raise ModelError(f"model version {model.version}", expected, reason_of(error)) from error

@@ -7,11 +7,13 @@ from dataclasses import replace
 
 import pytest
 
+from ldt_core.base.errors import ModelError
 from ldt_core.base.experiment import ModelRecord
 from ldt_core.base.settings import resolve
 from ldt_core.cli import invoke, ldt
 from ldt_core.machine import Plant
 from ldt_core.machine.machine_file import load_machine
+from ldt_core.models import build_model, restore_model
 from ldt_core.recording.bag import read_bag
 from ldt_core.recording.writer import KEY, BagWriter
 from ldt_core.runs.offline import run
@@ -31,6 +33,7 @@ GIVEN = resolve(
 WRONG = {
     "grows": {"A": [[1e300, 1e300], [-1e300, 1.0]]},
     "offset": {"offset": 1e300},
+    "far": {"offset": 1e7},
     "noise": {"noise_std": 1e300},
     "negative": {"noise_std": -1.0},
     "word": {"A": "x"},
@@ -113,6 +116,16 @@ def test_a_poisoned_version_of_the_past_is_left_out_and_told(sound, tmp_path, ex
     assert after[0].model_version == newest
 
 
+def test_whatever_is_wrong_with_an_effect_is_told_with_the_version():
+    """A model learned by causes names them, each within its bounds."""
+    record = build_model("auto", MOTOR, resolve({})).record()
+    for torque in (1e300, -1.0):
+        effects = {"coulomb_friction": {"torque": torque}}
+        wrong = replace(record, version=3, parameters={**record.parameters, "effects": effects})
+        with pytest.raises(ModelError, match="model version 3: .*coulomb_friction, torque"):
+            restore_model(wrong, MOTOR, {"model": "auto"})
+
+
 def rollback(capsys, *arguments):
     code = invoke(ldt, ["rollback", *map(str, arguments)])
     printed = capsys.readouterr()
@@ -133,6 +146,9 @@ def test_rollback_refuses_the_poisoned_and_takes_the_sound(
     code, _, error = rollback(capsys, bag, "--to", 1)
     assert code == 2
     assert f"1, which cannot be used ({bag}, model version 1: " in error
+    assert invoke(ldt, ["doctor", str(bag)]) == 0
+    named = [t for t in capsys.readouterr().out.splitlines() if t.startswith("warning  models")]
+    assert [t.partition("version ")[2].split(":")[0] for t in named] == ["1", str(newest)]
     assert rollback(capsys, bag, "--to", 2)[0] == 0
     summary = resumed(bag, experiments)
     assert summary.experiments == COUNT
