@@ -122,7 +122,7 @@ def test_whatever_is_wrong_with_an_effect_is_told_with_the_version():
     for torque in (1e300, -1.0):
         effects = {"coulomb_friction": {"torque": torque}}
         wrong = replace(record, version=3, parameters={**record.parameters, "effects": effects})
-        with pytest.raises(ModelError, match="model version 3: .*coulomb_friction, torque"):
+        with pytest.raises(ModelError, match=r"model version 3: .*coulomb_friction, torque"):
             restore_model(wrong, MOTOR, {"model": "auto"})
 
 
