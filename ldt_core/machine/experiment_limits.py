@@ -176,8 +176,8 @@ def outsized(sizes: Sequence[float]) -> list[int]:
     moving = np.sort([s for s in sizes if s > 0])
     if not moving.size:
         return []
-    most = AMPLITUDE_FACTOR * moving[(moving.size - 1) // 2]  # the lower middle: of two the smaller
-    return [place for place, size in enumerate(sizes) if size > most]
+    middle = moving[(moving.size - 1) // 2]  # the lower one: of two the smaller
+    return [place for place, size in enumerate(sizes) if size / AMPLITUDE_FACTOR > middle]
 
 
 def too_long_to_learn(machine: HasDuration | None, experiment: Experiment) -> str:

@@ -65,6 +65,17 @@ def test_nothing_but_absurd_experiments_is_refused(tmp_path, monkeypatch, capsys
         assert not (tmp_path / "made").exists()
 
 
+@pytest.mark.parametrize("effects", [[], ["--effects", "coulomb_friction"]])
+def test_sizes_beyond_floating_point_are_refused_without_a_warning(
+    effects, tmp_path, monkeypatch, capsys
+):
+    """Where all experiments have them, so that none is held to the others."""
+    monkeypatch.chdir(tmp_path)
+    recorded(tmp_path / "bag", 1e308, which=range(1, COUNT + 1))
+    assert invoke(ldt, ["identify", "bag", "--out", "made.yaml", *effects]) == 2
+    assert capsys.readouterr().err.startswith("ldt: bag, ")
+
+
 @pytest.mark.parametrize("machine", ["dc_motor", "my press"])
 def test_the_doctor_names_it(machine, tmp_path, capsys):
     """Held to the machine where its file ships, else to the other experiments."""
