@@ -61,6 +61,16 @@ def listed(names: Iterable[str], last: str = "and") -> str:
     return f"{', '.join(most)} {last} {end}" if most else end
 
 
+def some(names: Sequence[str], most: int = 20) -> str:
+    """As many as a line shows, the topics of a whole run for one, and how many more there are.
+
+    >>> some(["a", "b", "c", "d"], 2)
+    'a, b and 2 more'
+    """
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + more
+
+
 def spoken(name: str) -> str:
     """A name of the code, an effect's for one, as words.
 

@@ -18,6 +18,7 @@ from ldt_core.base.printable import printable
 from ldt_core.base.sentences import listed, spoken
 from ldt_core.calibration.coordinates import SEARCH_FACTOR, Coordinates
 from ldt_core.calibration.identifiability import Identifiability
+from ldt_core.machine.direction_check import swapped
 from ldt_core.machine.machine_file import Machine
 from ldt_core.machine.sensor_check import doubt, sound
 from ldt_core.models.physics import PhysicsModel
@@ -323,16 +324,22 @@ def doubtful(error: LdtError, machine: Machine, experiments: Sequence[Experiment
     """
     told = ((e.number, doubt(machine, e)) for e in experiments)
     found = next((f"experiment {number}: {words}" for number, words in told if words), "")
-    if error.exit_code != LdtError.exit_code or not found:
+    if error.exit_code != LdtError.exit_code:
+        return error
+    if question := swapped(experiments):
+        return LdtError(f"{error}; {question}")
+    if not found:
         return error
     again = "if it is the unit, import again with it (ldt import --speed NAME:rpm)"
     return LdtError(f"{error}; {found}; {again}")
 
 
 def recording_notes(machine: Machine, experiments: Sequence[Experiment]) -> list[str]:
-    """A sentence where the sensor failed, and one when the voltage never changes."""
+    """Sentences where the sensor failed, columns may be swapped, or the voltage never changes."""
     level, (_, failed) = _constant(experiments), sound(machine, experiments)
     told = [f"Do not trust these values: {failed}."] if failed else []
+    if question := swapped(experiments):
+        told.append(f"Do not trust these values: {question}")
     if level is not None:
         told.append(f"The voltage was {level:.4g} V throughout: record steps to determine more.")
     return told

@@ -39,6 +39,7 @@ from ldt_core.calibration.held_out import split_evenly
 from ldt_core.calibration.torque_balance import RESISTANCE, guidance
 from ldt_core.estimation.linear import Identified, identify
 from ldt_core.estimation.noise import white_noise
+from ldt_core.machine.direction_check import swapped
 from ldt_core.machine.machine_file import Machine, machine_from_dict
 
 PHYSICS = "dc_motor"
@@ -176,7 +177,7 @@ def identify_machine(
             errors[part] = free_run_error(machine, some)
             linear_errors[part] = _linear_error(linear, some)
             numbers[part] = [e.number for e in some]
-    notes = beside + _notes(form, linear, kept)
+    notes = beside + _notes(form, linear, kept) + [*filter(None, [swapped(kept)])]
     notes += [limits_note(machine)] if limits is None else []
     changed = ""
     if sensor_noise(form, kept) < form.noise_std:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -238,7 +238,8 @@ def balanced_start(
 ) -> Machine:
     """An equivalent motor with the effects that act on it, from where a fit in free run begins.
 
-    By convention R = 1 Ohm and b = 0: only ratios of torques mean something.
+    By convention R = 1 Ohm and b = 0: only ratios of torques mean something. What the balance has
+    estimated has a deviation, so that `ldt calibrate` fits it.
 
     Raises:
         LdtError: the speed does not rise with the voltage, or an effect would have to drive it.
@@ -271,7 +272,9 @@ def balanced_start(
         effect = get_effect(effect_name)
         torques = {n: v * inertia if n == "torque" else v for n, v in given.items()}
         acting.append((effect, effect.check({n: rounded(v) for n, v in torques.items()})))
-    return machine.with_effects(acting)
+    whole = machine.with_effects(acting)
+    torques = {n: LOOSE * value for n, value in whole.parameters.items() if n.endswith(".torque")}
+    return replace(whole, deviations={**whole.deviations, **torques})
 
 
 def _mean(x: Array) -> Array:

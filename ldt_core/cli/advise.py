@@ -11,7 +11,7 @@ from click.core import ParameterSource
 from ldt_core.base.printable import one_line
 from ldt_core.cli.options import diagnosis_option, json_option, namespace_option, parameters
 from ldt_core.cli.outputs import check_file, force_option
-from ldt_core.cli.terminal import echo_result
+from ldt_core.cli.terminal import echo_result, warn
 
 if TYPE_CHECKING:
     from ldt_core.base.experiment import DiagnosisRecord, Experiment, ModelRecord
@@ -67,7 +67,7 @@ def command(
     from ldt_core.advice.run_up import plan_run_up
     from ldt_core.base.errors import OptionError
     from ldt_core.diagnosis.diagnosis import read_effects
-    from ldt_core.effects import parse_effect
+    from ldt_core.effects import parse_effect, refuse_repeated
     from ldt_core.machine.machine_file import load_machine
     from ldt_core.recording.bag import read_bag
     from ldt_core.twin.advisor import RECENT_EXPERIMENTS
@@ -86,10 +86,12 @@ def command(
     if recording:
         bag = read_bag(recording, namespace)
         experiments = list(deque(bag.experiments(machine), RECENT_EXPERIMENTS))
+        warn(*bag.notes)
         model = next(iter(deque(bag.records("model"), 1)), None)
         found = next(iter(deque(bag.records("diagnosis"), 1)), None)
     acting = read_effects(diagnosis, machine) if diagnosis else []
     acting += [parse_effect(text) for text in given]
+    refuse_repeated(acting)
     if acting:
         model = found = None
         belief = with_effects(machine, acting)

@@ -84,7 +84,7 @@ def command(
     from ldt_core.calibration.calibrate import check_names
     from ldt_core.calibration.held_out import split_evenly
     from ldt_core.calibration.machine_yaml import write_machine_file
-    from ldt_core.cli.recordings import read_recordings
+    from ldt_core.cli.recordings import naming, read_recordings
     from ldt_core.machine.machine_file import load_machine
     from ldt_core.views.figures.free_run_panels import draw_calibration
     from ldt_core.views.page import style
@@ -102,7 +102,7 @@ def command(
         style.check_picture(figure, "--figure", "--figure")
         check_file(figure, force, "--figure")
     experiments = read_recordings(recordings, namespace, machine)
-    with status("{}: {} simulations of the recording") as tick:
+    with naming(recordings), status("{}: {} simulations of the recording") as tick:
         found = calibrate(
             machine,
             experiments,

@@ -113,7 +113,7 @@ def command(
     Example: ldt diagnose bag --machine rotor --out diagnosis
     """
     from ldt_core.base.errors import BadInput
-    from ldt_core.cli.recordings import read_recordings
+    from ldt_core.cli.recordings import naming, read_recordings
     from ldt_core.diagnosis.diagnose import diagnose
     from ldt_core.diagnosis.library import library
     from ldt_core.diagnosis.nominal_prior import nominal_prior
@@ -143,7 +143,7 @@ def command(
             folder.mkdir(parents=True, exist_ok=True)
             return _each(recordings, machine, folder, options, (jobs, scheduler), as_json)
     experiments = read_recordings(recordings, namespace, machine)
-    with no_empty_folder(folder), status("{}: step {}") as tick:
+    with no_empty_folder(folder), naming(recordings), status("{}: step {}") as tick:
         folder.mkdir(parents=True, exist_ok=True)
         found = diagnose(
             machine,

@@ -51,11 +51,12 @@ def command(recording: str | None, bag: str, mend: bool, namespace: str, as_json
 
         found = mended(recording, namespace)
     else:
-        from ldt_core.doctor.recording_checks import findings
+        from ldt_core.doctor.recording_checks import findings, model_findings
         from ldt_core.recording.bag import read_bag
         from ldt_core.recording.health import inspect
 
         found = findings(inspect(read_bag(recording, namespace)))
+        found += model_findings(recording, namespace)
     passed = check.passed(found)
     if as_json:
         echo_json({"ok": passed, "checks": [f.as_dict() for f in found]})

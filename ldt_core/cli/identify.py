@@ -73,7 +73,7 @@ def _range(
     "--effects",
     metavar="NAME,...",
     help="For a machine that is not a plain motor: gravity_imbalance (a pendulum), "
-    "coulomb_friction. `ldt calibrate` keeps the values found, unless --free names them.",
+    "coulomb_friction. `ldt calibrate` then fits their torques too.",
 )
 @judged_option
 @namespace_option
@@ -102,7 +102,8 @@ def command(
     from ldt_core.calibration.identify import identify_machine
     from ldt_core.calibration.machine_yaml import write_machine_file
     from ldt_core.cli.recorded_machine import recorded_machine
-    from ldt_core.cli.recordings import read_recordings
+    from ldt_core.cli.recordings import naming, read_recordings
+    from ldt_core.machine.direction_check import swapped
 
     check_file(out, force)
     if name is None:  # a diagnosis refuses a file of another machine than the recorded one
@@ -112,12 +113,13 @@ def command(
     if effects is not None:
         _refuse_idle("--order", "--offset", "--holdout")
         names = [n.strip() for n in effects.split(",")]
-        _with_effects(experiments, names, name, limits, out, as_json)
+        with naming(recordings):
+            _with_effects(experiments, names, name, limits, out, as_json)
         if not as_json:
             _next(f"ldt calibrate {bags} --machine {as_argument(out)} --out FILE.yaml")
         return
     try:
-        with status() as tick:
+        with naming(recordings), status() as tick:
             found = identify_machine(
                 experiments,
                 name,
@@ -128,10 +130,11 @@ def command(
                 tick=tick,
             ).with_recordings(recordings)
     except LdtError as error:
+        question = swapped(experiments)
         told = any(said in str(error) for said in ("ldt docs", "--effects", "import again"))
-        if error.exit_code != LdtError.exit_code or told:
+        if error.exit_code != LdtError.exit_code or (told and not question):
             raise
-        raise LdtError(f"{error}; {NEXT}") from None
+        raise LdtError(f"{error}; {question or NEXT}") from None
     write_machine_file(found, out, force)
     if as_json:
         machine = found.machine

@@ -81,6 +81,7 @@ def command(
     Example: ldt import motor.csv --voltage u --speed n:rpm --time t --length 2 --out motor
     """
     from ldt_core.base.stopping import stop_on_signals, until_stopped
+    from ldt_core.machine.direction_check import swapped
     from ldt_core.recording.importers import import_file, is_bag
     from ldt_core.recording.writer import BagWriter
 
@@ -103,11 +104,14 @@ def command(
         for experiment in until_stopped(imported.experiments, stop):
             writer.write("experiment", experiment, experiment.end)
     first = imported.experiments[0]
+    notes = list(imported.notes)
+    if question := swapped(imported.experiments):
+        notes.append(f"{question} If so, import again with --force and the other way round")
     record = {
         "experiments": len(imported.experiments),
         "samples": len(first),
         "sample_period": first.period,
-        "notes": list(imported.notes),
+        "notes": notes,
         "recording": out,
     }
     sizes = sorted({len(e) for e in imported.experiments})
@@ -122,7 +126,7 @@ def command(
     echo_result(
         as_json,
         record,
-        *map(one_line, imported.notes),
+        *map(one_line, notes),
         *([cut_it] if alone else []),
         f"{counted(len(imported.experiments), 'experiment')} of {samples} samples at "
         f"{1 / first.period:.6g} Hz: {out}",

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from ldt_core.base.errors import ExperimentError, LdtError, RecordingError
 from ldt_core.base.experiment import Experiment
 from ldt_core.base.sentences import counted, listed
 from ldt_core.cli.terminal import warn
+from ldt_core.machine.experiment_limits import AMPLITUDE_FACTOR, outsized
 from ldt_core.machine.machine_file import Machine
 from ldt_core.recording.bag import read_bag
 from ldt_core.recording.held_samples import HeldSamples
@@ -29,12 +32,13 @@ def read_recordings(
     Args:
         recordings: folders or files; those of several are numbered on from one to the next.
         namespace: machine whose topics are meant.
-        machine: whose limits the experiments must keep; None when it is not known.
+        machine: what it cannot have made is left out and told; None when it is not known: then
+            what is far beyond the others is.
 
     Raises:
         RecordingError: a recording that cannot be read, or all of them together unpack to more
             samples than such files hold.
-        ExperimentError: an experiment outside the machine's limits.
+        ExperimentError: nothing but experiments outside the machine's limits.
     """
     found: list[Experiment] = []
     seen: dict[bytes, int] = {}
@@ -43,7 +47,11 @@ def read_recordings(
         bag, again = read_bag(recording, namespace), []
         for read in held.of(bag, machine):
             number = len(found) + 1 if len(recordings) > 1 else read.number
-            first = seen.setdefault(_samples(read), number) if np.ptp(read.speed) else number
+            first = (
+                seen.setdefault(_samples(read), number)
+                if (read.speed != read.speed[0]).any()
+                else number
+            )
             if first == number:
                 found.append(read if number == read.number else replace(read, number=number))
             else:
@@ -53,7 +61,41 @@ def read_recordings(
             what = counted(len(again), "experiment")
             few = listed(again[:SHOWN]) + (" and more" if len(again) > SHOWN else "")
             warn(f"{recording}: {what} left out, whose samples came before: {few}")
-    return found
+    return found if machine is not None else _alike(found, recordings[0])
+
+
+def _alike(found: list[Experiment], recording: str) -> list[Experiment]:
+    """Without what no machine can have made that made the others."""
+    odd: set[int] = set()
+    for channel in ("voltage", "speed"):
+        sizes = [float(np.abs(getattr(e, channel)).max()) for e in found]
+        for place in (places := outsized(sizes)):
+            odd.add(place)
+        if places:
+            numbers = listed([str(found[place].number) for place in places[:SHOWN]])
+            more = " and more" if len(places) > SHOWN else ""
+            warn(
+                f"{recording}: left out: {counted(len(places), 'experiment')} with more than "
+                f"{AMPLITUDE_FACTOR:g} times the {channel} of the others: {numbers}{more}"
+            )
+    return [e for place, e in enumerate(found) if place not in odd]
+
+
+@contextlib.contextmanager
+def naming(recordings: Sequence[str]) -> Iterator[None]:
+    """Errors within that are about the recordings name them."""
+    try:
+        yield
+    except LdtError as error:
+        few = listed([*recordings[:SHOWN]]) + (" and more" if len(recordings) > SHOWN else "")
+        if isinstance(error, ExperimentError | RecordingError):
+            what = error.where.removeprefix("the recording").lstrip(", ")
+            if not what.startswith(tuple(recordings)):
+                where = f"{few}, {what}" if what else few
+                raise type(error)(where, error.expected, error.got) from None
+        elif type(error) is LdtError:
+            raise LdtError(f"{few}: {error}") from None
+        raise
 
 
 def _samples(e: Experiment) -> bytes:

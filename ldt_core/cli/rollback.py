@@ -58,4 +58,6 @@ def _lines(found: History) -> Iterator[str]:
         )
         if r.adopted:
             yield f"         {one_line(r.reason)}"
+        if why := found.unusable.get(r.version):
+            yield f"         cannot be used: {one_line(why)}"
     yield f"version {found.terms[-1].version} is in use"

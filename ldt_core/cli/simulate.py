@@ -42,7 +42,9 @@ def command(
     from ldt_core.machine.excitation import Given
     from ldt_core.machine.machine_file import load_machine
     from ldt_core.recording.writer import BagWriter
+    from ldt_core.security.permissions import check_namespace
 
+    check_namespace(namespace)
     machine = load_machine(settings["machine"])
     settings = {**settings, "degradation": settings["degradation"] or "none"}
     if designed:

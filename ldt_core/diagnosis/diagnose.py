@@ -24,6 +24,7 @@ from ldt_core.diagnosis.thresholds import THRESHOLDS
 from ldt_core.diagnosis.verdict import decide
 from ldt_core.diagnosis.verdict_report import VerdictReport
 from ldt_core.machine.current_check import without_wrong_current
+from ldt_core.machine.direction_check import swapped
 from ldt_core.machine.machine_file import Machine
 from ldt_core.machine.sensor_check import sound
 from ldt_core.physics.effect import Effect
@@ -66,7 +67,7 @@ def diagnose(
     experiments, odd = without_wrong_current(machine, experiments)
     only = len(trusted) < THRESHOLDS.trusted_experiments
     experiments, part = evenly_spread(trusted if fault and not only else experiments)
-    beside = "; ".join(filter(None, [repeated, short, odd, part]))
+    beside = "; ".join(filter(None, [repeated, short, odd, part, swapped(experiments)]))
     fitted, held = split_at_random(experiments, holdout, seed)
     most = max(float(np.abs(e.voltage).max()) for e in fitted)
     if most < NO_VOLTAGE * max(map(abs, machine.voltage_limits)):

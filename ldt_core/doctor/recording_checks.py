@@ -5,8 +5,8 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable, Mapping
 
-from ldt_core.base.errors import BadInput
-from ldt_core.base.sentences import counted, numbered, plain, spans
+from ldt_core.base.errors import BadInput, LdtError
+from ldt_core.base.sentences import counted, numbered, plain, some, spans
 from ldt_core.base.settings import as_options
 from ldt_core.doctor.check import Finding, ok, problem, warning
 from ldt_core.recording.bag import namespaces, read_bag
@@ -14,6 +14,7 @@ from ldt_core.recording.health import ANSWERS, Health, inspect
 from ldt_core.recording.repair import Mended, repair
 from ldt_core.recording.storage import Storage
 from ldt_core.restart.learning_switch import LearningSwitch
+from ldt_core.restart.rollback import history
 
 MAX_LISTED = 5  # stretches of numbers that a line shows
 #: Remedies.
@@ -70,6 +71,16 @@ def findings(health: Health) -> list[Finding]:
     ]
 
 
+def model_findings(path: str, namespace: str) -> list[Finding]:
+    """A line on each model version of a run that cannot be used; none where that cannot be told."""
+    try:
+        found = history(path, namespace)
+    except LdtError:  # no run, or one of a machine file or a version that are not here
+        return []
+    remedy = "a run that is resumed leaves it out; ldt rollback goes back to another one by hand"
+    return [warning("models", why, remedy) for why in found.unusable.values()]
+
+
 def _files(health: Health) -> list[Finding]:
     total = sum(health.counts.values())
     size = sum(health.files.values()) / 1e3
@@ -100,19 +111,19 @@ def _messages(health: Health) -> list[Finding]:
     found = []
     for topic, (count, why) in sorted(health.unreadable.items()):
         told = f"{topic}: {count} cannot be used, the first because {why}"
-        if health.judged and count < health.counts[topic]:
-            remedy = "the twin left them out, and so do commands; fix what published them"
-            found.append(warning("messages", told, remedy))
-        else:
+        some_left = count < health.counts[topic]
+        remedy = "commands leave them out, as a twin does; fix what publishes them"
+        if not some_left:
             remedy = "commands refuse these messages: fix what publishes them, and record again"
-            found.append(problem("messages", told, remedy))
+        line = warning if health.judged and some_left else problem
+        found.append(line("messages", told, remedy))
     return found
 
 
 def _experiments(health: Health) -> list[Finding]:
     name = "experiments"
     if not health.numbers:
-        told = f"none; topics are {', '.join(sorted(health.counts)) or 'none'}"
+        told = f"none; topics are {some(sorted(health.counts)) or 'none'}"
         return [problem(name, told, "make them of other topics by ldt import")]
     found = []
     if health.missing:
@@ -128,6 +139,11 @@ def _experiments(health: Health) -> list[Finding]:
     if health.backwards:
         told = f"{_listed(health.backwards)} start before the one before has ended"
         remedy = "the machine's clock was set in the run; set it before (ldt doctor looks at it)"
+        found.append(warning(name, told, remedy))
+    if health.impossible:
+        why = health.why_impossible or "more than 10000 times the speed of the others"
+        told = f"{_listed(health.impossible)} cannot have been made ({why})"
+        remedy = "commands leave these out; look at the sensor, its unit and the machine file"
         found.append(warning(name, told, remedy))
     if len(health.samples) > 1:
         told = f"of {len(health.samples)} lengths or sample periods"

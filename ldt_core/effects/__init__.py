@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING
 
 from ldt_core.base.errors import OptionError, did_you_mean
@@ -109,6 +111,13 @@ def parse_effect(text: str) -> tuple[Effect, dict[str, float]]:
             expected = f"at most {p.meant:g} {unit} ({size:g}m{unit} is {size / 1000:g} {unit})"
             raise OptionError(f"effect {effect.name}, {p.name}", expected, f"{size:g} {unit}")
     return effect.used(given)
+
+
+def refuse_repeated(uses: Iterable[tuple[Effect, Mapping[str, float]]]) -> None:
+    """Refuse (OptionError) an effect that is given twice: both would add up unseen."""
+    for name, times in Counter(effect.name for effect, _ in uses).items():
+        if times > 1:
+            raise OptionError(f"effect {name}", "once, with all its parameters", f"{times} times")
 
 
 def _example(name: str) -> str:

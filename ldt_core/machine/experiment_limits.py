@@ -20,7 +20,7 @@ A speed that is merely strange is judged elsewhere (`sensor_check`): the machine
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -165,6 +165,19 @@ def _refuse_beyond(
         expected, unit = told
         got = f"{samples[at]:g} {unit} at sample {at} ({int(outside.sum())} in all)"
         raise ExperimentError(where, expected, got)
+
+
+def outsized(sizes: Sequence[float]) -> list[int]:
+    """Places of what is `AMPLITUDE_FACTOR` times the others, where no machine file says more.
+
+    Args:
+        sizes: the largest size of a channel, one an experiment; no order.
+    """
+    moving = np.sort([s for s in sizes if s > 0])
+    if not moving.size:
+        return []
+    middle = moving[(moving.size - 1) // 2]  # the lower one: of two the smaller
+    return [place for place, size in enumerate(sizes) if size / AMPLITUDE_FACTOR > middle]
 
 
 def too_long_to_learn(machine: HasDuration | None, experiment: Experiment) -> str:

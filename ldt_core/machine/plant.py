@@ -29,7 +29,7 @@ from ldt_core.base.errors import MachineFileError, did_you_mean
 from ldt_core.base.experiment import Experiment
 from ldt_core.base.own_process import undivided
 from ldt_core.base.settings import FROM_FILE
-from ldt_core.effects import get_effect, parse_effect
+from ldt_core.effects import get_effect, parse_effect, refuse_repeated
 from ldt_core.machine.degradation import schedule
 from ldt_core.machine.excitation import Excitation, Given, excitation
 from ldt_core.machine.file_values import check_keys, real_number
@@ -62,7 +62,7 @@ class Plant:
 
     Raises:
         MachineFileError: a section `simulation` that cannot be used.
-        OptionError: an effect that this machine cannot have.
+        OptionError: an effect that this machine cannot have, or one that is given twice.
     """
 
     def __init__(
@@ -86,6 +86,7 @@ class Plant:
         self.physics = machine.model
         self.seed = seed
         self.effects = tuple(effects)
+        refuse_repeated(self.effects)
         self.schedule = schedule(machine, experiments, seed, degradation, degradation_to)
         self.excitation: Excitation | Given = excitation(machine, voltage)
         self.start = start or machine.simulation.get("start", "rest")

@@ -8,7 +8,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, Self
 
-from ldt_core.base.errors import LdtError, ModelError, reason_of
+from ldt_core.base.errors import ModelError, reason_of
 from ldt_core.base.experiment import DiagnosisRecord, Experiment, ModelRecord, Prediction
 from ldt_core.machine.machine_file import Machine
 
@@ -129,7 +129,7 @@ class Model(abc.ABC):
         try:
             _refuse_non_finite(record.parameters)
             return cls(machine, record.parameters, record.version, record.trained_on, **options)
-        except LdtError:
+        except ModelError:
             raise
         except Exception as error:  # what comes from outside can break `build` in any way
             where, expected = f"model version {record.version}", f"parameters of a {cls.kind} model"

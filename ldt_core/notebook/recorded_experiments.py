@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, overload
 
-from ldt_core.base.errors import ArgumentTypeError, LdtError, described
+from ldt_core.base.errors import ArgumentTypeError, ExperimentError, LdtError, described
 from ldt_core.base.experiment import Action, Experiment, Prediction, Step
 from ldt_core.machine.machine_file import Machine
 from ldt_core.recording.bag import Bag, read_bag
@@ -143,7 +143,7 @@ def read(path: str | os.PathLike[str], namespace: str | None = None) -> Recordin
     Raises:
         RecordingError: no such file, no recording, several machines, no experiments, or a
             small file that unpacks to gigabytes of them.
-        ExperimentError: a message that is not an experiment.
+        ExperimentError: nothing but messages that are no experiment.
         ArgumentTypeError: not a path.
     """
     if not isinstance(path, str | os.PathLike):
@@ -233,5 +233,9 @@ def possible(recording: ExperimentsLike, machine: MachineLike) -> tuple[Recordin
     """
     found, known = measured(recording, machine)
     for experiment in found:
-        known.check(experiment)
+        try:
+            known.check(experiment)
+        except ExperimentError as error:
+            got = f"{error.got}; [e for e in recording if machine.may_have_made(e)] leaves it out"
+            raise ExperimentError(error.where, error.expected, got) from None
     return found, known

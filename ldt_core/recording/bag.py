@@ -18,7 +18,7 @@ from ldt_core.base.experiment import (
     Prediction,
     Signal,
 )
-from ldt_core.base.sentences import counted, numbered
+from ldt_core.base.sentences import counted, numbered, some
 from ldt_core.recording.codec import DECODERS, Record, decode_cdr
 from ldt_core.recording.experiment_numbers import ExperimentNumbers
 from ldt_core.recording.messages import deserialize, quoted
@@ -173,19 +173,19 @@ class Bag:
     ) -> Iterator[tuple[RawMessage, Any]]:
         """Messages with the records in them; messages themselves where none is declared.
 
-        What a twin could not use when it came it counted and left out, whoever had sent it; so it
-        is left out here, with a note, where a twin took part.
+        What a twin cannot use when it comes it counts and leaves out, whoever has sent it; so it is
+        left out here, with a note.
 
         Args:
             raws: of any topics, as stored.
             whole: whether these are all of their topics.
             refused: told of each message that is no such record, in a recording of a machine
-                alone; None raises it.
+                alone; None notes them.
 
         Raises:
-            RecordingError, ExperimentError, ModelError: a message that is no such record, in a
-                recording of a machine alone, or a whole topic of nothing else; says which one.
-                More than MOST_UNUSABLE of which `refused` is told.
+            RecordingError, ExperimentError, ModelError: a whole topic of nothing but messages that
+                are no such record; says the first. More than MOST_UNUSABLE of them, in a recording
+                of a machine alone.
         """
         used: set[str] = set()
         left_out: Counter[str] = Counter()
@@ -195,23 +195,20 @@ class Bag:
                 record = self.decoded(raw, index)
             except BadInput as error:
                 first.setdefault(raw.topic, error)
-                if self.judged:
-                    left_out[raw.topic] += 1
-                elif refused is not None:
-                    refused(error)
-                    left_out[raw.topic] += 1
+                left_out[raw.topic] += 1
+                if not self.judged:
+                    if refused is not None:
+                        refused(error)
                     refuse_more_unusable(left_out[raw.topic], f"{self._place}, {raw.topic}")
-                else:
-                    raise
                 continue
             used.add(raw.topic)
             yield raw, record
         for topic, unusable in first.items():
             if whole and topic not in used:
                 raise unusable
-        for topic, count in left_out.items() if self.judged else ():
+        for topic, count in left_out.items() if refused is None or self.judged else ():
             self.storage.note(
-                f"{counted(count, 'message')} of {topic} left out, as the twin did, "
+                f"{self.path}: {counted(count, 'message')} of {topic} left out, as a twin does, "
                 f"the first because {first[topic]}"
             )
 
@@ -242,18 +239,20 @@ class Bag:
         """Experiments in recorded order; notes repeated and missing numbers.
 
         Args:
-            machine: whose limits they must keep; None when it is not known.
+            machine: what it cannot have made is left out, as a twin does, and noted; None when it
+                is not known.
             refused: as of `usable`.
 
         Raises:
             RecordingError: the recording has no experiments.
-            ExperimentError: a message that is no experiment, or one that the machine cannot have
-                made; says which one.
+            ExperimentError: nothing but messages that are no experiment, or experiments that the
+                machine cannot have made; says the first.
         """
         if self.topic("experiment") is None:
             wanted = f"the topic {self.namespace}/experiment"
-            raise RecordingError(self.path, wanted, f"only {', '.join(sorted(self.topics))}")
-        seen, repeated = ExperimentNumbers(), ExperimentNumbers()
+            raise RecordingError(self.path, wanted, f"only {some(sorted(self.topics))}")
+        seen, repeated, impossible = (ExperimentNumbers() for _ in range(3))
+        kept, why = 0, None
         for experiment in self._records("experiment", refused):
             if experiment.number in seen:
                 repeated.add(experiment.number)
@@ -263,11 +262,19 @@ class Bag:
                     machine.check(experiment)
                 except ExperimentError as error:
                     where = f"{self.path}, {error.where}"
-                    raise ExperimentError(where, error.expected, error.got) from None
+                    why = why or ExperimentError(where, error.expected, error.got)
+                    impossible.add(experiment.number)
+                    continue
+            kept += 1
             yield experiment
         if not seen:
             where = f"{self.path}, {self.topic('experiment')}"
             raise RecordingError(where, "experiments", f"none{_because(self.storage)}")
+        if why is not None:
+            if not kept:
+                raise why
+            told = numbered("experiment", impossible.spans, MAX_LISTED_SPANS)
+            self.storage.note(f"{why}; left out, as a twin does: {told}")
         if repeated:
             told = numbered("experiment", repeated.spans, MAX_LISTED_SPANS)
             self.storage.note(f"{self.path}: recorded more than once: {told}")
@@ -293,20 +300,20 @@ def read_bag(path: str | Path, namespace: str | None = None, listed: bool = Fals
     storage = Storage(path, listed)
     machines = namespaces(storage.topics)
     if not machines:
-        there = ", ".join(f"{t} ({k})" for t, k in sorted(storage.topics.items())) or "no messages"
+        there = some([f"{t} ({k})" for t, k in sorted(storage.topics.items())]) or "no messages"
         got = f"only {there}" if storage.topics else f"{there}{_because(storage)}"
         wanted = "a topic named experiment (ldt import makes one of any other recording)"
         raise RecordingError(path, wanted, got)
     if not namespace:
         if len(machines) > 1:
-            shown = ", ".join(m or "/" for m in machines)
+            shown = some([m or "/" for m in machines])
             raise RecordingError(
                 path, "one machine, or a namespace to choose one (--namespace)", f"{shown}"
             )
         return Bag(storage, machines[0])
     wanted = "/" + namespace.strip("/") if namespace.strip("/") else ""
     if wanted not in machines:
-        shown = ", ".join(m or "/" for m in machines)
+        shown = some([m or "/" for m in machines])
         raise RecordingError(path, f"a machine under {wanted or '/'}", f"only {shown}")
     return Bag(storage, wanted)
 
@@ -334,7 +341,7 @@ def experiments(path: str | Path, namespace: str | None = None) -> Recorded:
 
     Raises:
         RecordingError: as `read_bag`, or without experiments.
-        ExperimentError: a message that is no experiment.
+        ExperimentError: nothing but messages that are no experiment.
     """
     bag = read_bag(path, namespace)
     found = list(bag.experiments())

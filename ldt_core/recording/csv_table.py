@@ -172,12 +172,14 @@ class CsvTable:
     def _find_encoding(self) -> str:
         """How the bytes become text; all of them are looked at once, and counted."""
         most, count, decoder = MAX_BYTES, 0, getincrementaldecoder("utf-8")()
+        unpacked = ""
         encoding = "utf-8-sig"
         try:
             with open_regular(self.path) as stream:
                 if stream.read(len(GZIP_MAGIC)) == GZIP_MAGIC:
                     size = self.path.stat().st_size
                     most = min(MAX_BYTES, max(FREE_BYTES, MOST_RATIO * size))
+                    unpacked = " unpacked, for a file of its size (unpack it by gunzip)"
             with self._open() as stream:
                 while piece := stream.read(PIECE):
                     marked = next((m for m in MARKS if piece.startswith(m)), b"")
@@ -189,7 +191,7 @@ class CsvTable:
                         )
                     count += len(piece)
                     if count > most:
-                        raise RecordingError(self.path, f"at most {most} bytes", f"{count} or more")
+                        raise RecordingError(self.path, f"at most {most} bytes{unpacked}", "more")
                     if encoding == "utf-8-sig":
                         try:
                             decoder.decode(piece)

@@ -7,10 +7,15 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
+
+import msgs_config
 from ldt_core.base.bounded import forget_oldest
 from ldt_core.base.errors import LdtError, RecordingError
 from ldt_core.base.experiment import Adaptation, Experiment, ModelRecord, Prediction, Signal
 from ldt_core.base.sentences import Span
+from ldt_core.machine.experiment_limits import outsized
+from ldt_core.machine.machine_file import load_machine
 from ldt_core.recording.bag import Bag, refuse_more_unusable
 from ldt_core.recording.codec import DECODERS, Record, decode_cdr
 from ldt_core.recording.experiment_numbers import ExperimentNumbers
@@ -48,6 +53,9 @@ class Health:
         pauses: number of an experiment → seconds after the end of the one recorded before it, where
             that is longer than an experiment; the longest ones.
         paused: how many such pauses there are.
+        impossible: numbers of experiments that the machine cannot have made; where it does not ship
+            with LDT, of those far beyond the others.
+        why_impossible: why the first of them, "" where its size is.
         unreadable: absolute topic → (messages that are no such record, why the first is not).
         answered: topic of an answer → numbers of the experiments that got it.
         nodes: name of a node of this machine → what it told of itself last.
@@ -73,6 +81,8 @@ class Health:
     backwards: ExperimentNumbers = field(default_factory=ExperimentNumbers)
     pauses: dict[int, float] = field(default_factory=dict)
     paused: int = 0
+    impossible: ExperimentNumbers = field(default_factory=ExperimentNumbers)
+    why_impossible: str = ""
     unreadable: dict[str, tuple[int, str]] = field(default_factory=dict)
     answered: defaultdict[str, ExperimentNumbers] = field(
         default_factory=lambda: defaultdict(ExperimentNumbers)
@@ -125,6 +135,7 @@ def inspect(bag: Bag, seen: Callable[[str, Record], object] | None = None) -> He
         if raw.topic in bag.topics:
             reading.take(raw)
     health.answered["prediction"] = reading.predicted()
+    reading.hold_to_each_other()
     health.notes = bag.notes
     if health.declared == whole:
         health.declared = None
@@ -148,6 +159,9 @@ class _Reading:
     ) -> None:
         self.health, self.namespace, self._seen = health, namespace, seen
         self._last: Experiment | None = None
+        shipped = health.machine in msgs_config.machine_names()
+        self._machine = load_machine(health.machine) if shipped else None
+        self._sizes: dict[int, float] = {}  # largest speed by number
         # Those that wait for each other, and the last ones that did so no longer. A number may come
         # twice: the experiment that was predicted has the prediction's start.
         self._measured: set[_Key] = set()
@@ -213,6 +227,22 @@ class _Reading:
             case ModelRecord():
                 health.models.setdefault(record.kind, set()).add(record.version)
 
+    def hold_to_each_other(self) -> None:
+        """Note what is far beyond the others, where no machine says what is possible."""
+        numbers = list(self._sizes)
+        for place in outsized(list(self._sizes.values())):
+            self.health.impossible.add(numbers[place])
+
+    def _hold_to_machine(self, record: Experiment) -> None:
+        if self._machine is None:
+            self._sizes[record.number] = float(np.abs(record.speed).max())
+            return
+        try:
+            self._machine.check(record)
+        except LdtError as error:
+            self.health.impossible.add(record.number)
+            self.health.why_impossible = self.health.why_impossible or str(error)
+
     def _measure(self, record: Experiment) -> None:
         health = self.health
         if record.number in health.numbers:
@@ -222,6 +252,7 @@ class _Reading:
         self._counted[record.number, record.start] = None
         forget_oldest(self._counted, MAX_MATCHED)
         health.samples[len(record), record.period] += 1
+        self._hold_to_machine(record)
         if self.health.judged:
             key = record.number, record.start, len(record)
             self._match(key, self._measured, self._predicted)

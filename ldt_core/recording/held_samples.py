@@ -31,7 +31,7 @@ class HeldSamples:
 
         Raises:
             RecordingError: also where all together unpack to more samples than such files hold.
-            ExperimentError: as `Bag.experiments`.
+            ExperimentError: as there.
         """
         for read in bag.experiments(machine):
             self._hold(bag, read.voltage, read.speed, read.current)

@@ -19,7 +19,7 @@ from typing import Any
 from mcap.reader import make_reader
 
 from ldt_core.base.errors import LdtError, RecordingError
-from ldt_core.base.sentences import counted
+from ldt_core.base.sentences import counted, plain
 from ldt_core.recording.experiment_numbers import parse_numbers
 from ldt_core.recording.lock import FolderLock
 from ldt_core.recording.mcap_reader import McapSummary, TolerantMcapReader
@@ -225,7 +225,7 @@ def _replace(file: Path, looked: _Looked, work: Repair) -> None:
     free = os.statvfs(file.parent)
     size = file.stat().st_size
     if free.f_bavail * free.f_frsize < size + FREE_MARGIN:
-        raise OSError(errno.ENOSPC, f"{size / 1e6:.0f} MB are needed to rewrite {file.name}")
+        raise OSError(errno.ENOSPC, f"{plain(size / 1e6)} MB are needed to rewrite {file.name}")
     try:
         _copy(looked, new)
         if _stamp(file) != looked.before:

@@ -12,7 +12,9 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
-from ldt_core.base.errors import RecordingError
+import msgs_config
+from ldt_core.base.errors import OptionError, RecordingError
+from ldt_core.base.settings import check
 from ldt_core.recording.messages import quoted
 
 KEY = "settings"  # of a recording's custom data
@@ -52,7 +54,8 @@ def parse_settings(where: str, text: Any) -> dict[str, Setting]:
         text: whatever stands there.
 
     Raises:
-        RecordingError: it is no such text, or one of another version.
+        RecordingError: it is no such text, one of another version, or a parameter is not of its
+            declared type or outside its range.
     """
     if not isinstance(text, str) or len(text) > MAX_CHARACTERS:
         raise RecordingError(where, f"a text of at most {MAX_CHARACTERS} characters", quoted(text))
@@ -70,7 +73,18 @@ def parse_settings(where: str, text: Any) -> dict[str, Setting]:
         if not _is_setting(value):
             expected = "true or false, a finite number, a line of text, or a list of such lines"
             raise RecordingError(f"{where}, {name}", expected, quoted(value))
+        declared = msgs_config.parameters().get(name)
+        if declared is not None and name not in LEFT_OUT and not _same(value, declared["default"]):
+            try:
+                check(name, value, declared)
+            except OptionError as error:
+                raise RecordingError(f"{where}, {name}", error.expected, error.got) from None
     return found
+
+
+def _same(value: Any, other: Any) -> bool:
+    """As JSON has them: 1 is not true."""
+    return type(value) is type(other) and bool(value == other)
 
 
 def _is_setting(value: Any) -> bool:

@@ -2,25 +2,32 @@
 
 Nothing is deleted. The earlier model is recorded once more under the next version, with an
 adaptation that says so, behind the last step; a run that goes on with the recording begins with it.
+Where the version in force cannot be used, a run that goes on does so by itself (`withdraw`).
 """
 
 from __future__ import annotations
 
+from collections import deque
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import msgs_config
-from ldt_core.base.errors import OptionError, RecordingError
-from ldt_core.base.experiment import FAULTY, Action, Adaptation, ModelRecord
+from ldt_core.base.errors import ModelError, OptionError, RecordingError
+from ldt_core.base.experiment import FAULTY, Action, Adaptation, Experiment, ModelRecord
 from ldt_core.machine.machine_file import Machine, load_machine
+from ldt_core.models import MODELS, build_model, restore_model
 from ldt_core.recording.bag import Bag, read_bag
 from ldt_core.recording.health import ANSWERS
 from ldt_core.recording.messages import quoted
 from ldt_core.recording.writer import BagWriter
-from ldt_core.restart.recorded_run import RecordedRun, complete_steps
+from ldt_core.restart.checkpoint import Lookup
+from ldt_core.restart.recorded_run import END, RecordedRun, complete_steps
 from ldt_core.restart.run_key import check_key
 from ldt_core.twin.adaptor import ROLLED_BACK
-from ldt_core.twin.stage import RecordedStep
+from ldt_core.twin.predictor import try_out
+from ldt_core.twin.stage import WINDOW, RecordedStep
 
 #: A nanosecond [s].
 NANOSECOND = 1e-9
@@ -53,6 +60,7 @@ class History:
 
     Args:
         terms: the first one first; the last one is in force.
+        unusable: versions that cannot predict the last experiment, each with the reason.
     """
 
     path: Path
@@ -61,10 +69,12 @@ class History:
     terms: list[ModelTerm]
     models: dict[int, ModelRecord]
     last: RecordedStep
+    unusable: dict[int, str]
 
     def as_dict(self) -> dict[str, object]:
         """For programs."""
-        return {"in_force": self.terms[-1].version, "versions": [asdict(r) for r in self.terms]}
+        versions = [{**asdict(r), "unusable": self.unusable.get(r.version)} for r in self.terms]
+        return {"in_force": self.terms[-1].version, "versions": versions}
 
 
 def history(path: str | Path, namespace: str = "", machine: str = "") -> History:
@@ -82,6 +92,11 @@ def history(path: str | Path, namespace: str = "", machine: str = "") -> History
     bag = read_bag(path, namespace)
     known = load_machine(machine or _recorded_machine(bag))
     check_key(bag, known)
+    settings = bag.settings()  # no part of the user's own is run on a recording's word
+    return _history(bag, known, settings if settings.get("model") in MODELS.builtin else None)
+
+
+def _history(bag: Bag, known: Machine, settings: Mapping[str, Any] | None) -> History:
     models: dict[int, ModelRecord] = {}
     for record in bag.rare("model"):
         models.setdefault(record.version, record)
@@ -104,7 +119,24 @@ def history(path: str | Path, namespace: str = "", machine: str = "") -> History
             sums.append(0.0)
     if last is None:
         raise RecordingError(bag.path, "a run with an experiment that was learned from", "none")
-    return History(bag.path, bag.namespace, known, terms, models, last)
+    unusable = _unusable(models, known, settings, last.experiment) if settings else {}
+    return History(bag.path, bag.namespace, known, terms, models, last, unusable)
+
+
+def _unusable(
+    models: Mapping[int, ModelRecord],
+    machine: Machine,
+    settings: Mapping[str, Any],
+    experiment: Experiment,
+) -> dict[int, str]:
+    """Versions that cannot predict an experiment, each with the reason."""
+    found = {}
+    for version, record in models.items():
+        try:
+            try_out(restore_model(record, machine, settings), experiment)
+        except ModelError as error:
+            found[version] = str(error)
+    return found
 
 
 def roll_back(found: History, version: int) -> Adaptation:
@@ -114,7 +146,7 @@ def roll_back(found: History, version: int) -> Adaptation:
         What was recorded.
 
     Raises:
-        OptionError: no such version, or the one in force.
+        OptionError: no such version, the one in force, or one that cannot be used.
         RecordingError: somebody is writing, or the recording ends in the middle of a step.
         LdtError: it cannot be mended or written.
     """
@@ -123,22 +155,60 @@ def roll_back(found: History, version: int) -> Adaptation:
         choices = ", ".join(str(v) for v in sorted({*there[:-1]} & {*found.models})) or "none"
         got = f"{version}, which is in use" if version == there[-1] else str(version)
         raise OptionError("--to", f"a version that was in use before ({choices})", got)
+    if version in found.unusable:
+        sound = [v for v in there[:-1] if v in found.models and v not in found.unusable]
+        choices = ", ".join(map(str, sorted({*sound}))) or "none"
+        told = f"{version}, which cannot be used ({found.path}, {found.unusable[version]})"
+        raise OptionError("--to", f"a version that can be used ({choices})", told)
     done = found.last.number
-    bag = read_bag(found.path, found.namespace or "/")
     run = RecordedRun(found.path, found.namespace or "/", found.machine)
     for topic in ANSWERS:
         if run.last_of(topic, done)[0] != done:
             expected = f"a recording that ends with experiment {done}; let --resume complete it"
             raise RecordingError(found.path, expected, f"the {topic} of another one behind it")
-    model = replace(found.models[version], version=max(found.models) + 1)
-    adaptation = Adaptation(
-        done,
-        Action.ADAPTED,
-        model.version,
-        f"rolled back by hand: version {model.version} is version {version} again, "
-        f"in the place of version {there[-1]}",
-        {ROLLED_BACK: version},
+    return _go_back(found, found.models[version], "rolled back by hand:")
+
+
+def withdraw(run: RecordedRun, settings: Mapping[str, Any]) -> list[str]:
+    """Go back from the version in force to the last one that can be used, where it cannot.
+
+    A run that went on with it would answer no experiment any more.
+
+    Args:
+        settings: all parameters of the run.
+
+    Returns:
+        What was recorded, in a sentence; none where the version in force can be used.
+
+    Raises:
+        LdtError: the recording cannot be mended or written.
+    """
+    steps = deque(run.steps(END), maxlen=WINDOW)
+    if not steps or (version := steps[-1].adaptation.model_version) == 0:
+        return []
+    bag = run.bag()
+    assert bag is not None  # it has steps
+    try:
+        try_out(Lookup(bag, run.machine, settings, steps).model(version), steps[-1].experiment)
+        return []
+    except ModelError as error:
+        why = f"{run.path}, {error};"
+    found = _history(bag, run.machine, settings)
+    before = {t.version for t in found.terms} & {*found.models} - {*found.unusable, version}
+    original = build_model(settings["model"], run.machine, settings).record()
+    return [_go_back(found, found.models[max(before)] if before else original, why).reason]
+
+
+def _go_back(found: History, to: ModelRecord, why: str) -> Adaptation:
+    """Record that a model goes on as the next version."""
+    model = replace(to, version=max(found.models) + 1)
+    reason = (
+        f"{why} version {model.version} is version {to.version} again, "
+        f"in the place of version {found.terms[-1].version}"
     )
+    details = {ROLLED_BACK: to.version}
+    adaptation = Adaptation(found.last.number, Action.ADAPTED, model.version, reason, details)
+    bag = read_bag(found.path, found.namespace or "/")
     information = bag.storage.metadata
     begin = information["starting_time"]["nanoseconds_since_epoch"]
     end = (begin + information["duration"]["nanoseconds"]) * NANOSECOND

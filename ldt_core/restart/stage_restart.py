@@ -133,7 +133,7 @@ class TwinRestart:
     """
 
     def __init__(self, twin: Twin, run: RecordedRun, log: Callable[[str], None]) -> None:
-        self._twin, self._run = twin, run
+        self._twin, self._run, self._log = twin, run, log
         self._last: Experiment | None = None
         self._count = 0  # of the steps that were read
         self._stages = [
@@ -146,11 +146,16 @@ class TwinRestart:
 
         Raises:
             RecordingError: a recording that cannot be read, or that this twin cannot have made.
-            ModelError: a recorded model that cannot be this machine's.
+            ModelError: nobody can use the version in force (see `rollback.withdraw`).
         """
         for step in self._run.steps(*[r.return_to_checkpoint() for r in self._stages]):
             self._last, self._count = step.experiment, self._count + 1
             self.recall(step)
+        adaptor = self._twin.adaptor
+        if error := adaptor.unusable.get(adaptor.model.version):
+            raise error
+        for why in adaptor.unusable.values():
+            self._log(f"{self._run.path}, {why}; the version before it stands in its place")
         return self._last.number if self._last else 0
 
     def following(

@@ -13,6 +13,7 @@ from ldt_core.base.printable import file_name
 from ldt_core.machine.machine_file import Machine
 from ldt_core.models import learns_by_diagnosis
 from ldt_core.recording.storage import RECORDINGS
+from ldt_core.security.permissions import check_namespace
 
 #: Nodes from which experiments can come.
 SOURCES = ("plant", "player", "segmenter")
@@ -65,7 +66,8 @@ def fleet(machine: Machine, settings: Mapping[str, Any]) -> list[Member]:
     """The machines of a run, each with its own namespace, seed and recording.
 
     Raises:
-        BadInput: a recording that exists, or several machines for one recording to play.
+        BadInput: a recording that exists, several machines for one recording to play, or a
+            namespace that ROS could not have.
     """
     count = settings["machines"]
     if count > 1 and settings["play"]:
@@ -77,7 +79,7 @@ def fleet(machine: Machine, settings: Mapping[str, Any]) -> list[Member]:
     for index in range(count):
         name = f"machine_{index + 1}" if count > 1 else machine.name
         bag = base / name if count > 1 else base
-        parts = [settings["namespace"].strip("/"), name if count > 1 else ""]
+        parts = [check_namespace(settings["namespace"]), name if count > 1 else ""]
         own = {**settings, "seed": settings["seed"] + index, "bag": str(bag)}
         own["resume"] = str(bag) if settings["resume"] else ""
         members.append(Member(name, "/".join(p for p in parts if p), own, bag))

@@ -16,6 +16,7 @@ from ldt_core.recording.message_subject import Subject, agree, said_of
 from ldt_core.recording.writer import BagWriter
 from ldt_core.restart.learning_switch import LearningSwitch
 from ldt_core.restart.recorded_run import RecordedRun
+from ldt_core.restart.rollback import withdraw
 from ldt_core.restart.run_key import check_key, key_text
 from ldt_core.restart.stage_restart import TwinRestart
 from ldt_core.twin.adaptor import ROLLED_BACK
@@ -55,10 +56,11 @@ def run(
         LdtError: a recording that is damaged beyond mending.
     """
     goes_on = bool(settings.get("resume"))
+    summary = summary or Summary()
     if bag is not None and goes_on:  # before a part of the user's own is run
         check_key(read_bag(bag, namespace or "/", listed=True), machine, settings)
+        summary.note(*withdraw(RecordedRun(bag, namespace, machine), settings))
     twin = Twin.from_settings(machine, settings)
-    summary = summary or Summary()
     if bag is None:
         all_of_them = experiments(0) if callable(experiments) else experiments
         return run_unrecorded(twin, pace(all_of_them), on_step, summary, in_time)

@@ -32,6 +32,8 @@ LIFECYCLE_SERVICES = ("change_state", "get_state")
 LIFECYCLE_EVENT = "transition_event"
 #: Of ROS_DOMAIN_ID; Fast DDS computes port numbers from it, and ends the process above 232.
 DOMAINS = range(233)
+#: ROS 2's limit of a topic's name, 247 characters, without the longest service of a node.
+MOST_NAMESPACE = 247 - len("/adaptor/get_available_transitionsRequest")
 NAMESPACE = re.compile(r"/?([A-Za-z_]\w*(/[A-Za-z_]\w*)*)?/?", re.ASCII)
 #: Every node's own: its log and what it tells of its parameters; and which nodes there are.
 EVERYONE_PUBLISHES = ("rt/rosout", "rt/parameter_events", "ros_discovery_info")
@@ -82,8 +84,10 @@ def check_namespace(namespace: str) -> str:
     """A namespace without the slashes at its ends.
 
     Raises:
-        BadInput: ROS could not have such a one.
+        BadInput: ROS could not have such a one, or none of its topics.
     """
+    if len(namespace) > MOST_NAMESPACE:
+        raise BadInput("namespace", f"at most {MOST_NAMESPACE} characters", len(namespace))
     if not NAMESPACE.fullmatch(namespace):
         words = "words of letters, digits and underscores, joined by slashes"
         raise BadInput("namespace", words, repr(namespace))

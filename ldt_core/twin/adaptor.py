@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ldt_core.base.errors import LdtError, RecordingError, reason_of
+from ldt_core.base.errors import LdtError, ModelError, RecordingError, reason_of
 from ldt_core.base.experiment import (
     DOUBTFUL,
     FAILED,
@@ -38,6 +38,7 @@ from ldt_core.models.base import Model
 from ldt_core.recording.model_json import model_text, parse_model
 from ldt_core.twin.gate import Offer, best_offer
 from ldt_core.twin.memory import Memory
+from ldt_core.twin.predictor import try_out
 from ldt_core.twin.stage import Archive, RecordedStep
 from ldt_core.twin.training_data import core
 
@@ -119,6 +120,8 @@ class Adaptor:
         self.sensor_check: bool = settings["sensor_check"]
         #: Models that were in force before, the very first one first.
         self.earlier: list[Model] = []
+        #: Recorded versions that nobody can use, each with the reason; see `recall`.
+        self.unusable: dict[int, ModelError] = {}
         #: Whether the operator wants nothing to be learned at present.
         self.paused = False
         self.diagnoser = diagnoser
@@ -142,6 +145,7 @@ class Adaptor:
             if self.model is not before[0]:
                 told = f"model version {self.model.version}"
                 parse_model(told, model_text(self.model.record()))  # what nobody could use raises
+                try_out(self.model, experiment)
             return dealt
         except KeyboardInterrupt:
             raise
@@ -244,12 +248,14 @@ class Adaptor:
     def recall(self, step: RecordedStep) -> None:
         """Take over what a recorded step says, without learning anew.
 
+        In the place of a recorded model that cannot be used, the one before it stays in force.
+
         Raises:
             RecordingError: a step after which another model is in force than here.
-            ModelError: a recorded model that cannot be this machine's.
+            ModelError: the first model is of another kind, and cannot be this twin's.
         """
         experiment, told = step.experiment, step.adaptation
-        model = None if step.model is None else self._restore(step.model)
+        model = self._recorded(step)
         if ROLLED_BACK in told.details and model is not None:
             self._roll_back(step, model)
             return
@@ -272,6 +278,21 @@ class Adaptor:
         self.memory.remember(experiment)
         self._check_version(told)
 
+    def _recorded(self, step: RecordedStep) -> Model | None:
+        """The model that came into force after a step, if any."""
+        if step.model is None:
+            return None
+        version = step.model.version
+        try:
+            model = self._restore(step.model)
+            try_out(model, step.experiment)
+        except ModelError as error:
+            if not self.earlier and step.model.kind != self.model.kind:
+                raise  # the first one already is another twin's
+            self.unusable[version] = error
+            return self.model.again(version)
+        return model
+
     def _check_version(self, told: Adaptation) -> None:
         if self.model.version != told.model_version:
             where = f"adaptation of experiment {told.experiment}, model_version"
@@ -287,6 +308,7 @@ class Adaptor:
             self.diagnoser.recall(step)
         wanted = step.adaptation.details[ROLLED_BACK]
         self.earlier = [m for m in self.earlier if m.version < wanted]
+        self.unusable = {v: why for v, why in self.unusable.items() if v < wanted}
         self.model, self.named = model, None
         self.memory.forget()
         self._check_version(step.adaptation)

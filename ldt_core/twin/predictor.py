@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from ldt_core.base.errors import (
@@ -47,11 +49,7 @@ class Predictor:
         Raises:
             ModelError: it fails.
         """
-        try:
-            model.predict(self._idle()).residual(self._idle())
-        except FAULTS as error:
-            where = f"model version {model.version}"
-            raise ModelError(where, "one that can predict", reason_of(error)) from error
+        try_out(model, self._idle())
 
     def _idle(self) -> Experiment:
         rest = np.zeros(WARM_UP_SAMPLES)
@@ -76,29 +74,13 @@ class Predictor:
 
     def answer(self, experiment: Experiment) -> Prediction:
         """Free run of the present model over one that was admitted; raises as `predict`."""
-        prediction = self._free_run(self.model, experiment)
+        prediction = _free_run(self.model, experiment)
         self.last = experiment.number
         return prediction
 
     def predict_original(self, experiment: Experiment) -> Prediction:
         """The same by the model that never learns; raises UnansweredExperiment."""
-        return self._free_run(self.original, experiment)
-
-    @undivided()
-    def _free_run(self, model: Model, experiment: Experiment) -> Prediction:
-        try:
-            prediction = model.predict(experiment)
-            gap = prediction.residual(experiment)  # raises where it is not of this experiment
-            with np.errstate(over="ignore"):
-                if not np.isfinite(gap @ gap):  # nobody could judge it
-                    where = f"prediction {experiment.number}, speed"
-                    most = f"{np.abs(prediction.speed).max():g}"
-                    raise ExperimentError(where, "samples whose squares can be summed", most)
-        except KeyboardInterrupt:
-            raise
-        except BaseException as error:  # of a model of the user's own, for one
-            raise UnansweredExperiment(experiment.number, reason_of(error)) from error
-        return prediction
+        return _free_run(self.original, experiment)
 
     def recall(self, step: RecordedStep) -> None:
         """Take note of the experiment of a recorded step; the model is set by who restores it."""
@@ -109,3 +91,42 @@ class Predictor:
     def starts(self) -> dict[int, float]:
         """Number and start [s since the epoch] of the last experiments that were taken."""
         return self.numbering.starts
+
+
+def try_out(model: Model, experiment: Experiment) -> None:
+    """Let a model predict an experiment of its machine before it comes into force.
+
+    Raises:
+        ModelError: it fails, or predicts what is not finite, or no speed of this machine.
+    """
+    try:
+        with np.errstate(all="ignore"):  # whatever overflows shows in what comes out
+            predicted = _judged(model, experiment).speed
+        machine = model.machine  # a model of the user's own may have none
+        if machine is not None and machine.may_have_made(experiment):
+            machine.check(replace(experiment, speed=predicted))
+    except FAULTS as error:
+        expected = f"one that can predict experiment {experiment.number}"
+        raise ModelError(f"model version {model.version}", expected, reason_of(error)) from error
+
+
+@undivided()
+def _free_run(model: Model, experiment: Experiment) -> Prediction:
+    try:
+        return _judged(model, experiment)
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # of a model of the user's own, for one
+        raise UnansweredExperiment(experiment.number, reason_of(error)) from error
+
+
+def _judged(model: Model, experiment: Experiment) -> Prediction:
+    """A prediction that can be compared with what was measured; raises where it cannot."""
+    prediction = model.predict(experiment)
+    gap = prediction.residual(experiment)  # raises where it is not of this experiment
+    with np.errstate(over="ignore"):
+        if not np.isfinite(gap @ gap):  # nobody could judge it
+            where = f"prediction {experiment.number}, speed"
+            most = f"{np.abs(prediction.speed).max():g}"
+            raise ExperimentError(where, "samples whose squares can be summed", most)
+    return prediction

@@ -14,6 +14,7 @@ from typing import Any
 import yaml
 
 import msgs_config
+from ldt_core.base import result_files
 from ldt_core.base.errors import BadInput, UnansweredExperiment
 from ldt_core.base.metrics import Summary
 from ldt_core.base.printable import file_name
@@ -28,9 +29,10 @@ from ldt_core.recording.message_subject import Subject, agree
 from ldt_core.recording.node_status import LEFT_OUT, RESUMED_AT, SECOND_PUBLISHER, NodeStatus
 from ldt_core.recording.pace import parse_rate
 from ldt_core.recording.run_settings import settings_text
+from ldt_core.restart.recorded_run import RecordedRun
+from ldt_core.restart.rollback import withdraw
 from ldt_core.restart.run_key import begin_of, check_key
 from ldt_core.runs.fleet_members import Member, fleet, roles, source_of
-from ldt_core.security.permissions import check_namespace
 from ldt_ros.graph.process import machine_arguments
 from ldt_ros.graph.secure import enclave_arguments
 
@@ -183,7 +185,6 @@ def machine_runs(settings: Mapping[str, Any]) -> list[MachineRun]:
     if settings["stream"] == "only":
         alone = "'beside' in a graph; `ldt_plant --ros-args -p stream:=only` is a machine alone"
         raise BadInput("stream", alone, "only")
-    check_namespace(settings["namespace"])
     runs = [MachineRun(**vars(member), machine=machine) for member in fleet(machine, settings)]
     for run in runs:
         own = run.settings
@@ -191,6 +192,7 @@ def machine_runs(settings: Mapping[str, Any]) -> list[MachineRun]:
         own["run_settings"] = settings_text(own)
         if own["resume"]:
             check_key(read_bag(run.bag, listed=True), machine, own)
+            run.summary.note(*withdraw(RecordedRun(run.bag, run.namespace, machine), own))
             own["start_time"] = begin_of(run.bag, own["start_time"])
         if run.source == "plant" and own["start_time"] == FROM_FILE:
             # A plant that is started again must not take another moment for the present.
@@ -260,8 +262,8 @@ def write_parameters(run: MachineRun, folder: Path, **others: str) -> str:
     values = {n: v for n, v in run.settings.items() if v != defaults[n]}
     if run.settings["machine"] not in msgs_config.machine_names():
         machine = folder / f"{file_name(run.name)}.machine.yaml"
-        machine.write_text(yaml.safe_dump(run.machine.as_dict(), allow_unicode=True))
+        result_files.write(machine, yaml.safe_dump(run.machine.as_dict(), allow_unicode=True))
         values["machine"] = str(machine)
     file = folder / f"{file_name(run.name)}.yaml"
-    file.write_text(yaml.safe_dump({"/**": {"ros__parameters": {**values, **others}}}))
+    result_files.write(file, yaml.safe_dump({"/**": {"ros__parameters": {**values, **others}}}))
     return str(file)

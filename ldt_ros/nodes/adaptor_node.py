@@ -68,6 +68,8 @@ class AdaptorNode(LdtNode, LifecycleNodeMixin):
         self.parts = [self.worker, self.pairs]
         self.worker.go_to_the_end(self.pairs.met)
         self.pairs.listen()
+        for why in self.adaptor.unusable.values():
+            self.get_logger().warning(f"{why}; the version before it stands in its place")
         self._model.publish(to_message(self.adaptor.model.record()))
 
     def health(self) -> dict[str, Any]:

@@ -8,8 +8,8 @@ from collections.abc import Callable
 from typing import Any
 
 from ldt_core.base.bounded import forget_oldest
-from ldt_core.base.errors import ExperimentError, LdtError, RepeatedExperiment
-from ldt_core.base.experiment import Adaptation, Experiment
+from ldt_core.base.errors import ExperimentError, LdtError, ModelError, RepeatedExperiment
+from ldt_core.base.experiment import Adaptation, Experiment, ModelRecord
 from ldt_core.models import build_model, restore_model
 from ldt_core.models.base import Model
 from ldt_core.recording.experiment_numbers import MOST_JUMP, ExperimentNumbers
@@ -17,7 +17,7 @@ from ldt_core.recording.message_subject import agree
 from ldt_core.recording.node_status import REFUSED
 from ldt_core.restart.checkpoint import Lookup
 from ldt_core.restart.recorded_run import END
-from ldt_core.twin.predictor import Predictor
+from ldt_core.twin.predictor import Predictor, try_out
 from ldt_core.twin.stage import WINDOW, RecordedStep
 from ldt_ros.nodes.interfaces import from_message, stamp_of, to_message
 from ldt_ros.nodes.model_versions import ModelVersions
@@ -220,10 +220,19 @@ class TwinNode(LdtNode):
         self.predictor.recall(step)
         self._last_end = step.experiment.end
         if step.model is not None:
-            restored = restore_model(step.model, self.machine, self.settings)
-            self.predictor.model = restored
-            self._models.put(restored.version, restored)
+            self.predictor.model = self._restored(step.model, step.experiment)
+            self._models.put(step.model.version, self.predictor.model)
         self._note(step.adaptation, None)
+
+    def _restored(self, record: ModelRecord, experiment: Experiment) -> Model:
+        """A recorded model; the present one in the place of one that nobody can use."""
+        try:
+            found = restore_model(record, self.machine, self.settings)
+            try_out(found, experiment)
+        except ModelError as error:
+            self.get_logger().warning(f"{error}; the version before it stands in its place")
+            return self.predictor.model.again(record.version)
+        return found
 
     def _find_model(self) -> None:
         """The model in force came into it before the steps that were taken up, perhaps."""

@@ -289,17 +289,22 @@ def test_repeated_and_missing_numbers_are_noted(tmp_path):
     assert any("missing: experiments 4 to 6, 8" in n for n in notes)
 
 
-def test_a_bad_experiment_in_a_recording_is_named_by_file_topic_and_message(tmp_path):
-    """The second of two messages has a NaN."""
+def test_a_bad_experiment_in_a_recording_is_left_out_and_named(tmp_path):
+    """By file, topic and message: the second of two has a NaN. Alone, it is refused."""
     bad = encode(experiment(2))
     bad.data[7] = np.nan
     with BagWriter(tmp_path / "run") as bag:
         bag.write("experiment", experiment(1), START)
         bag.write("experiment", bad, START)
-    with pytest.raises(
-        ExperimentError, match=r"run, /experiment, message 2, experiment 2, voltage"
-    ):
-        numbers(tmp_path / "run")
+    whole = read_bag(tmp_path / "run")
+    assert [e.number for e in whole.experiments()] == [1]
+    (told,) = whole.notes
+    assert "run: 1 message of /experiment left out" in told
+    assert "run, /experiment, message 2, experiment 2, voltage" in told
+    with BagWriter(tmp_path / "alone") as bag:
+        bag.write("experiment", bad, START)
+    with pytest.raises(ExperimentError, match=r"alone, /experiment, message 1, experiment 2, volt"):
+        numbers(tmp_path / "alone")
 
 
 def test_what_a_twin_could_not_use_is_left_out_of_its_recording_and_noted(tmp_path):
@@ -315,7 +320,7 @@ def test_what_a_twin_could_not_use_is_left_out_of_its_recording_and_noted(tmp_pa
     found = experiments(tmp_path / "run")
     assert [e.number for e in found.experiments] == [1, 2, 3]
     assert found.notes == [
-        "3 messages of /experiment left out, as the twin did, the first because "
+        f"{tmp_path}/run: 3 messages of /experiment left out, as a twin does, the first because "
         f"{tmp_path / 'run'}, /experiment, message 2, layout.dim: expected two dimensions, got 0"
     ]
 

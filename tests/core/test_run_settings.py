@@ -225,3 +225,19 @@ def test_a_recording_is_taken_with_its_own_machine_alone(command, tmp_path, caps
         assert (
             said.startswith(f"{'ldt: ' * (code == 2)}{words}".format(bag)) if words else said == ""
         ), said
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "words"),
+    [
+        ("seed", -1, "expected 0 to"),
+        ("order", "x", "expected a finite number"),
+        ("experiments", 10**15, "expected 1 to"),
+        ("model", ["linear"], "expected a word"),
+        ("offset", 1, "expected true or false"),
+    ],
+)
+def test_a_recorded_parameter_that_no_run_can_have_is_refused(name, value, words):
+    """By its name, before anything is made of it."""
+    with pytest.raises(RecordingError, match=rf"run, settings, {name}: {words}"):
+        parse_settings("run, settings", text(**{name: value}))

@@ -10,8 +10,10 @@ import pytest
 import yaml
 from click.testing import CliRunner
 
+import ldt_core as ldt
 from ldt_core.base.errors import LdtError, OptionError
 from ldt_core.base.experiment import Experiment
+from ldt_core.calibration import calibrate
 from ldt_core.calibration.torque_balance import (
     balance,
     balanced_machine,
@@ -109,7 +111,21 @@ def test_identify_says_the_command_and_the_command_works(tmp_path):
     done = CliRunner().invoke(command, asked)
     assert done.exit_code == 0, done.output
     assert load_machine(out).acting == ("gravity_imbalance",)
-    assert yaml.safe_load(out.read_text())["effects"][0]["parameters"]["torque"] > 0
+    assert yaml.safe_load(out.read_text())["effects"][0]["parameters"]["torque"]["value"] > 0
+
+
+def test_a_calibration_fits_the_torques_that_were_found():
+    """An estimate is not exact: kept, it would bend the other parameters and their intervals."""
+    told = {"coulomb_friction": {"torque": 0.02}}
+    measured = ldt.simulate("dc_motor", 8, effects=told, seed=3, noise=0.1)
+    machine = balanced_machine(measured, ["coulomb_friction"], "motor")
+    motor = load_machine("dc_motor").parameters
+    # By convention R = 1 Ohm and b = 0: every torque is on the scale of that motor.
+    scale = 1 + motor["b"] * motor["R"] / motor["K_t"] ** 2
+    estimates = {e.name: e for e in calibrate(machine, measured).estimates}
+    for name, true in (("coulomb_friction.torque", 0.02 * scale), ("R", 1.0)):
+        low, high = estimates[name].ci95
+        assert low < true < high
 
 
 def test_no_command_is_proposed_that_would_be_refused():

@@ -176,14 +176,14 @@ def refuse_undetermined(experiments: Sequence[Experiment], unknowns: int, what: 
     for name, unit in (("voltage", "V"), ("speed", "rad/s")):
         values = np.concatenate([getattr(e, name) for e in experiments])
         size = float(np.abs(values).max())
+        if size > 0 and not 1 / LARGEST < size < LARGEST:
+            expected = f"sizes from {1 / LARGEST:g} to {LARGEST:g} {unit}"
+            raise ExperimentError(f"{_named(experiments)}, {name}", expected, f"{size:g} {unit}")
         if float(np.ptp(values)) <= CONSTANT_RANGE * size:
             raise LdtError(
                 f"{_named(experiments)} cannot determine {what}: "
                 f"the {name} is {values[0] + 0.0:g} {unit} throughout"
             )
-        if not 1 / LARGEST < size < LARGEST:
-            expected = f"sizes from {1 / LARGEST:g} to {LARGEST:g} {unit}"
-            raise ExperimentError(f"{_named(experiments)}, {name}", expected, f"{size:g} {unit}")
 
 
 def _unknowns(order: int, experiments: int, offset: bool) -> int:

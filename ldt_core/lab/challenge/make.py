@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from ldt_core.base import result_files
 from ldt_core.base.errors import OptionError
 from ldt_core.base.experiment import Experiment
 from ldt_core.base.parallel import Workers
@@ -157,7 +158,7 @@ def make_challenge(
         text = _key_text([plans[order.name].truth for order in wanted])
         say(hashlib.sha256(text.encode()).hexdigest())
         work.mkdir()
-        sealed.write_text(text, encoding="utf-8")
+        result_files.write(sealed, text)
         # In the order of their names, whatever was drawn first: times of files tell nothing either.
         items = [(work / order.name, plans[order.name], known) for order in wanted]
         for _ in progress(workers.map(write_case, items), cases, "writing"):
@@ -217,7 +218,7 @@ def write_case(item: tuple[Path, CasePlan, KnownFile]) -> None:
     folder, plan, known = item
     folder.mkdir()
     text = dump(rounded_numbers(known(plan)))
-    (folder / MACHINE).write_text(text, encoding="utf-8")
+    result_files.write(folder / MACHINE, text)
     _write_bag(folder / SHOWN, plan, plan.experiments())
     _write_bag(folder / FURTHER, plan, plan.further())
 
