@@ -95,19 +95,8 @@ def diagnose(
             n: {o for g in groups if n in g for o in g} - {n} for g in groups for n in g
         }
         decision = decide(search, seed, bool(fault) and only)
-        decision, against = standing(machine, search, decision, fitted, held, seed)
+        stands = standing(machine, search, decision, fitted, held, seed)
         report = VerdictReport(
-            machine,
-            search,
-            decision,
-            fitted,
-            held,
-            recordings,
-            seed,
-            tick,
-            fault,
-            prior,
-            beside,
-            against,
+            machine, search, stands, fitted, held, recordings, seed, tick, fault, prior, beside
         )
         return report.diagnosis(silent, groups)

@@ -7,6 +7,7 @@ that a named set leaves is compared with what needs no machine at all, and with 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -30,6 +31,23 @@ LINEAR_ORDER = 2  # of the linear model: a motor's, speed and current
 LEFT = 1 - THRESHOLDS.further_effect_of_remainder  # of a gap elsewhere, by what is no cause
 
 
+Begun = tuple[HeldOutErrors, HeldOutErrors] | None
+
+
+class Standing(NamedTuple):
+    """What was decided once held-out experiments had been asked.
+
+    Attributes:
+        decision: the first, or the one in its place.
+        objection: why its set is not the answer, as the end of a sentence; "" if it is.
+        begun: as `begun_errors` has them.
+    """
+
+    decision: Decision
+    objection: str
+    begun: Begun
+
+
 def standing(
     machine: Machine,
     search: EffectSetSearch,
@@ -37,43 +55,40 @@ def standing(
     fitted: Sequence[Experiment],
     held: Sequence[Experiment],
     seed: int,
-) -> tuple[Decision, str]:
+) -> Standing:
     """What was decided, or in place of a set that does not stand one that does.
 
-    A set that they have refuted is no rival of a larger one, however far its laws might depart.
-
-    Returns:
-        the decision, and why its set does not stand; "" where it does, or where it names none.
+    A set that was refuted is no rival of a larger one, however far its laws might depart.
     """
-    first = why = ""
-    now, refuted = decision, search.found.refuted
-    while now.best and now.kind != "unknown":
-        why = _against(machine, now, search, fitted, held)
-        if not why:
-            return now, ""
-        first, names = first or why, frozenset(now.best.names)
+    first: Standing | None = None
+    refuted = search.found.refuted
+    while decision.best and decision.kind != "unknown":
+        now = _asked(machine, decision, decision.best, search, fitted, held)
+        if not now.objection:
+            return now
+        first, names = first or now, frozenset(decision.best.names)
         if names in refuted:  # nothing else is left
             break
         refuted.add(names)
-        now = choose(search, seed)
-    return decision, first
+        decision = choose(search, seed)
+    return first or Standing(decision, "", None)
 
 
-def _against(
+def _asked(
     machine: Machine,
     decision: Decision,
+    best: EffectFit,
     search: EffectSetSearch,
     fitted: Sequence[Experiment],
     held: Sequence[Experiment],
-) -> str:
-    """The objection to the set that was decided for."""
-    best = decision.best
-    assert best is not None
+) -> Standing:
     before = [free_run(machine, e) for e in held]
     after = [free_run(machine, e, best.use) for e in held]
     noise = noise_there(held, after, decision.residuals.noise[0], search.found.band.limit)
-    pair = begun_errors(machine, best, held) or (errors(held, before), errors(held, after))
-    return objection(machine, best, fitted, held, *pair, noise)
+    begun = begun_errors(machine, best, held)
+    pair = begun or (errors(held, before), errors(held, after))
+    why = objection(machine, best, fitted, held, *pair, noise)
+    return Standing(decision, why, begun)
 
 
 def objection(
@@ -192,9 +207,7 @@ def unlike(
     return not_all_alike(left, held[int(np.argmax(single))].number, noise)
 
 
-def begun_errors(
-    machine: Machine, best: EffectFit, held: Sequence[Experiment]
-) -> tuple[HeldOutErrors, HeldOutErrors] | None:
+def begun_errors(machine: Machine, best: EffectFit, held: Sequence[Experiment]) -> Begun:
     """Errors on the held-out experiments without the set and with it, start states fitted.
 
     None where these are as the free runs have them. Where each experiment begins at an angle of its

@@ -62,9 +62,8 @@ from ldt_core.diagnosis.residual_torque import (
 )
 from ldt_core.diagnosis.sentence import not_measured, not_seen, not_standing, sentence
 from ldt_core.diagnosis.simulated_experiments import Used
-from ldt_core.diagnosis.standing import begun_errors, unlike
+from ldt_core.diagnosis.standing import Standing, unlike
 from ldt_core.diagnosis.thresholds import THRESHOLDS
-from ldt_core.diagnosis.verdict import Decision
 from ldt_core.estimation.doubtful_speed import speed_doubt
 from ldt_core.machine.machine_file import Machine
 
@@ -98,7 +97,7 @@ class VerdictReport:
 
     machine: Machine
     search: EffectSetSearch
-    decision: Decision
+    stands: Standing
     fitted: Sequence[Experiment]
     held: Sequence[Experiment]
     recordings: Sequence[str]
@@ -107,13 +106,10 @@ class VerdictReport:
     fault: str
     prior: NominalPrior | None
     beside: str
-    #: Why what fitted best is not the answer after all; "" if it is.
-    objection: str
 
     def __post_init__(self) -> None:
-        d = self.decision
-        if self.objection:
-            d = self.decision = replace(d, kind="unknown")
+        d, self.objection = self.stands.decision, self.stands.objection
+        self.decision = d = replace(d, kind="unknown") if self.objection else d
         #: Whether nothing was sought, for no experiment can be trusted.
         self.faulty = bool(self.fault) and d.kind == "unknown" and d.best is None
         self.residuals = d.residuals
@@ -131,7 +127,7 @@ class VerdictReport:
         band = self.search.found.band.limit
         noise = noise_there(self.held, after, self.residuals.noise[0], band)
         was, now = errors(self.held, before), errors(self.held, after)
-        begun = begun_errors(self.machine, self.named, self.held) if self.named else None
+        begun = self.stands.begun if self.named else None
         still = rms(np.concatenate([e.speed for e in self.held]))
         blind = d.kind == "none" and was.rmse >= still
         off = d.kind == "none" and unlike(self.machine, self.alone, self.fitted, self.held, noise)
