@@ -17,11 +17,6 @@ from ldt_core.base.experiment import rms
 if TYPE_CHECKING:
     from ldt_core.estimation.structure_search import FittedStructure
 
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from ldt_core.estimation.structure_search import FittedStructure
-
 DEVIATIONS = 1.96  # half width of a 95 % interval of a normal distribution
 REMAINDER_SHAPES = 3.0  # independent shapes that a remainder is taken to consist of
 TRACELESS_ERROR = 0.005  # of the gap's power, by which a law may be off and leave no remainder
@@ -67,6 +62,7 @@ def intervals_of(found: FittedStructure, told: Array) -> dict[str, dict[str, lis
     variance = np.diag(_inverse(information))
     spread = np.sqrt(np.where(variance > 0, variance, np.inf))  # below 0 by rounding
     known = spread < UNDETERMINED
+    known[much] |= DEVIATIONS * spread[much] < np.abs(fit.q[much])  # far from none, it is known
     half = DEVIATIONS * np.where(known, spread, 0.0)
     ends = [box.values(fit.q + side * half)[1] for side in (-1, 1)]
     determined = iter(known[k:].tolist())

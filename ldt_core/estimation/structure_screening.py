@@ -22,6 +22,9 @@ from ldt_core.physics.parameter import SMALLEST
 #: Gains of the screenings, the strongest and the weakest: all of the innovation is for what
 #: captures the shaft; a tenth, for what is weak and lasts, which so many samples' noise would hide.
 STRONGEST, WEAKEST = 1.0, 0.1
+#: Of the guesses' least sum of squares: what another size has to promise, to first order. What
+#: promises less is found by the steps from the guesses as well, and would cost each effect a run.
+WORTH_RESIZING = 0.5
 #: Gauss-Newton steps of the screening; under the observer an effect is found in two or three.
 SCREENING_STEPS = 4
 
@@ -206,9 +209,10 @@ class Screening:
         best = _squares(rows)
         if not box.amounts.all():
             shapes = [rows for rows, *_ in tried]
-            resized, at_size = self._resized(box, present, guesses, shapes, rows_at)
-            if _squares(at_size) < best:
-                best, q, rows, moved = _squares(at_size), resized, at_size, []
+            resized = self._resized(box, present, guesses, shapes, rows_at, best)
+            if resized is not None and _squares(resized[1]) < best:
+                (q, rows), moved = resized, []
+                best = _squares(rows)
         for left in reversed(range(SCREENING_STEPS)):
             moved = moved or rows_at(beside(q))
             by = _differences(q, high)
@@ -244,10 +248,12 @@ class Screening:
         guesses: Sequence[Array],
         found: Sequence[Array],
         rows_at: Callable[[Sequence[Array]], list[Array]],
-    ) -> tuple[Array, Array]:
+        least: float,
+    ) -> tuple[Array, Array] | None:
         """The guess of the best shape at its best size, both to first order, and its rows.
 
-        One of the right shape may be far too large, and err more than all others.
+        One of the right shape may be far too large, and err more than all others. None where that
+        promises too little beside the least sum of squares of the guesses.
         """
         k = len(box.uncertain)
         without = box.neutral_guess(present.given)
@@ -256,6 +262,8 @@ class Screening:
         sizes = [max(0.0, -float(neutral @ c) / max(_squares(c), SMALLEST)) for c in changes]
         left = [_squares(neutral + s * c) for s, c in zip(sizes, changes, strict=True)]
         i = int(np.argmin(left))
+        if left[i] > WORTH_RESIZING * least:
+            return None
         best = np.where(box.amounts, without + sizes[i] * (guesses[i] - without), guesses[i])
         best = np.clip(best, box.low[k:], box.high[k:])
         return best, rows_at([best])[0]
