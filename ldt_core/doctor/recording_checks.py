@@ -9,12 +9,13 @@ from ldt_core.base.errors import BadInput, LdtError
 from ldt_core.base.sentences import counted, numbered, plain, some, spans
 from ldt_core.base.settings import as_options
 from ldt_core.doctor.check import Finding, ok, problem, warning
+from ldt_core.machine.experiment_limits import AMPLITUDE_FACTOR
 from ldt_core.recording.bag import namespaces, read_bag
 from ldt_core.recording.health import ANSWERS, Health, inspect
 from ldt_core.recording.repair import Mended, repair
 from ldt_core.recording.storage import Storage
 from ldt_core.restart.learning_switch import LearningSwitch
-from ldt_core.restart.rollback import history
+from ldt_core.restart.rollback import unusable_versions
 
 MAX_LISTED = 5  # stretches of numbers that a line shows
 #: Remedies.
@@ -74,11 +75,11 @@ def findings(health: Health) -> list[Finding]:
 def model_findings(path: str, namespace: str) -> list[Finding]:
     """A line on each model version of a run that cannot be used; none where that cannot be told."""
     try:
-        found = history(path, namespace)
+        found = unusable_versions(path, namespace)
     except LdtError:  # no run, or one of a machine file or a version that are not here
         return []
     remedy = "a run that is resumed leaves it out; ldt rollback goes back to another one by hand"
-    return [warning("models", why, remedy) for why in found.unusable.values()]
+    return [warning("models", why, remedy) for why in found.values()]
 
 
 def _files(health: Health) -> list[Finding]:
@@ -141,7 +142,9 @@ def _experiments(health: Health) -> list[Finding]:
         remedy = "the machine's clock was set in the run; set it before (ldt doctor looks at it)"
         found.append(warning(name, told, remedy))
     if health.impossible:
-        why = health.why_impossible or "more than 10000 times the speed of the others"
+        why = (
+            health.why_impossible or f"more than {AMPLITUDE_FACTOR:g} times the speed of the others"
+        )
         told = f"{_listed(health.impossible)} cannot have been made ({why})"
         remedy = "commands leave these out; look at the sensor, its unit and the machine file"
         found.append(warning(name, told, remedy))

@@ -89,17 +89,46 @@ def history(path: str | Path, namespace: str = "", machine: str = "") -> History
         OptionError: the recorded machine is a file, which has to be given.
         MachineFileError: no such machine.
     """
+    return _history(*_opened(path, namespace, machine))
+
+
+def unusable_versions(path: str | Path, namespace: str = "") -> dict[int, str]:
+    """Versions of a run that cannot predict its last experiment, each with the reason.
+
+    It takes no longer where a run is long, as `history` does.
+
+    Raises:
+        RecordingError, OptionError, MachineFileError: as of `history`.
+    """
+    bag, known, settings = _opened(path, namespace)
+    run = RecordedRun(bag.path, bag.namespace or "/", known)
+    last = next(iter(deque(run.steps(END), maxlen=1)), None)
+    if last is None or settings is None:
+        return {}
+    return _unusable(_models(bag), known, settings, last.experiment)
+
+
+def _opened(
+    path: str | Path, namespace: str, machine: str = ""
+) -> tuple[Bag, Machine, Mapping[str, Any] | None]:
+    """A run, its machine, and its parameters where its model is no part of the user's own."""
     bag = read_bag(path, namespace)
     known = load_machine(machine or _recorded_machine(bag))
     check_key(bag, known)
     settings = bag.settings()  # no part of the user's own is run on a recording's word
-    return _history(bag, known, settings if settings.get("model") in MODELS.builtin else None)
+    return bag, known, settings if settings.get("model") in MODELS.builtin else None
 
 
-def _history(bag: Bag, known: Machine, settings: Mapping[str, Any] | None) -> History:
+def _models(bag: Bag) -> dict[int, ModelRecord]:
+    """By version; of two with the same, the first."""
     models: dict[int, ModelRecord] = {}
     for record in bag.rare("model"):
         models.setdefault(record.version, record)
+    return models
+
+
+def _history(bag: Bag, known: Machine, settings: Mapping[str, Any] | None) -> History:
+    models = _models(bag)
     terms: list[ModelTerm] = []
     sums: list[float] = []
     last = None
