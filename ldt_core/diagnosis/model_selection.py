@@ -203,9 +203,7 @@ def worth_more(
     plainly = THRESHOLDS.plainly_structured * limit
     # Of what laws that depart may leave, a little is left over: it has no name, down to the noise.
     rest = max(band.speed_excess(smaller.residual), 0.0)
-    if (
-        frozenset(smaller.names) in found.refuted
-    ):  # that its laws may depart does not make up for it
+    if frozenset(smaller.names) in found.refuted:  # no departure of its laws makes up for that
         gain, left = exact, rest
     departs = left < (1 - THRESHOLDS.further_effect_of_remainder) * rest
     whole = found.left(larger) <= limit and not departs

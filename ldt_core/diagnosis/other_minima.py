@@ -59,7 +59,7 @@ def as_well(best: EffectFit | None, alike: Sequence[EffectFit]) -> str:
         for c, (_, given) in zip(other.effects, other.use, strict=False):
             parts = [f"{p.name} near {given[p.name]:.2g} {p.unit}".rstrip() for p in c.parameters]
             told.append(f"{spoken(c.name)} ({', '.join(parts)})")
-    return f"other amounts explain as much: {listed(told, 'and')}" if told else ""
+    return f"other amounts explain as much: {listed(told)}" if told else ""
 
 
 def _others(best: EffectFit | None, alike: Sequence[EffectFit]) -> list[EffectFit]:

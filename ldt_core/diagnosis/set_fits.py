@@ -73,8 +73,6 @@ class SetFits:
         self.twins: dict[str, set[str]] = {}
         #: Effects whose laws are taken in detail, to where the fit of the details begins.
         self.in_detail: dict[str, Array] = {}
-        #: Where each set's fits on the scout's experiments ended; without their rows.
-        self.ends: dict[Names, list[EffectFit]] = {}
         self.workers = residuals.workers
         self.prior = prior
         self._look(residuals.of())
@@ -105,6 +103,8 @@ class SetFits:
         self.found.scouted[frozenset()] = fitted or empty(self.scout)
         #: What the other effects do beside a scouted set.
         self.beside: dict[EffectFit, Responses] = {}
+        #: Where each set's fits on the scout's experiments ended; without their rows.
+        self.ends: dict[Names, list[EffectFit]] = {}
         self.band = ErrorBand(self.scout)
         self.departures = LawDepartures(self.scout, self.responses.base)
 

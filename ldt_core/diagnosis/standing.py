@@ -29,8 +29,7 @@ from ldt_core.models.linear import LinearModel
 
 LINEAR_ORDER = 2  # of the linear model: a motor's, speed and current
 LEFT = 1 - THRESHOLDS.further_effect_of_remainder  # of a gap elsewhere, by what is no cause
-
-
+#: Errors without a set and with it; see `begun_errors`.
 Begun = tuple[HeldOutErrors, HeldOutErrors] | None
 
 
@@ -40,11 +39,14 @@ class Standing(NamedTuple):
     Attributes:
         decision: the first, or the one in its place.
         objection: why its set is not the answer, as the end of a sentence; "" if it is.
+        before, after: (L,) free runs of the held-out experiments without it and with it [rad/s].
         begun: as `begun_errors` has them.
     """
 
     decision: Decision
     objection: str
+    before: list[Array]
+    after: list[Array]
     begun: Begun
 
 
@@ -60,10 +62,11 @@ def standing(
 
     A set that was refuted is no rival of a larger one, however far its laws might depart.
     """
+    before = [free_run(machine, e) for e in held]
     first: Standing | None = None
     refuted = search.found.refuted
     while decision.best and decision.kind != "unknown":
-        now = _asked(machine, decision, decision.best, search, fitted, held)
+        now = _asked(machine, decision, decision.best, search, fitted, held, before)
         if not now.objection:
             return now
         first, names = first or now, frozenset(decision.best.names)
@@ -71,7 +74,7 @@ def standing(
             break
         refuted.add(names)
         decision = choose(search, seed)
-    return first or Standing(decision, "", None)
+    return first or Standing(decision, "", before, before, None)
 
 
 def _asked(
@@ -81,14 +84,14 @@ def _asked(
     search: EffectSetSearch,
     fitted: Sequence[Experiment],
     held: Sequence[Experiment],
+    before: list[Array],
 ) -> Standing:
-    before = [free_run(machine, e) for e in held]
     after = [free_run(machine, e, best.use) for e in held]
     noise = noise_there(held, after, decision.residuals.noise[0], search.found.band.limit)
     begun = begun_errors(machine, best, held)
     pair = begun or (errors(held, before), errors(held, after))
     why = objection(machine, best, fitted, held, *pair, noise)
-    return Standing(decision, why, begun)
+    return Standing(decision, why, before, after, begun)
 
 
 def objection(

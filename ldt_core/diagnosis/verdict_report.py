@@ -122,8 +122,8 @@ class VerdictReport:
         """All of it."""
         d = self.decision
         self.tick("measuring what is left")
-        before = [free_run(self.machine, e) for e in self.held]
-        after = [free_run(self.machine, e, self.use) for e in self.held] if self.use else before
+        before = self.stands.before
+        after = self.stands.after if self.named else before
         band = self.search.found.band.limit
         noise = noise_there(self.held, after, self.residuals.noise[0], band)
         was, now = errors(self.held, before), errors(self.held, after)

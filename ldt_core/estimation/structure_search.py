@@ -360,7 +360,6 @@ class StructureSearch(Screening):
         results: list[Screened] = []
         for begin in range(0, len(tried), AT_ONCE):
             pairs = list(zip(present, tried, strict=True))[begin : begin + AT_ONCE]
-
             screen = functools.partial(self._screen, pairs, how)
             results += spread(screen, len(pairs), self.workers)
             yield sum(screened.work for screened in results[begin:])
