@@ -55,11 +55,13 @@ class TwinRun:
         return f"<p><b>{escape(self.summary.outcome)}</b></p><table>{figures}</table>"
 
     def __repr__(self) -> str:
+        rejected = self.summary.rejected
+        told = f", {rejected} rejected: see its notes" if rejected else ""
         if self.mme is None:
-            return "TwinRun(no experiments)"
+            return f"TwinRun(no experiments{told})"
         errors = f"MME {self.mme:.4g} rad/s (original model {self.mme_original:.4g})"
         adapted = counted(self.summary.adaptations, "adaptation")
-        return f"TwinRun({counted(len(self), 'experiment')}, {errors}, {adapted})"
+        return f"TwinRun({counted(len(self), 'experiment')}, {errors}, {adapted}{told})"
 
     @property
     def mme(self) -> float | None:

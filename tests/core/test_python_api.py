@@ -231,6 +231,13 @@ def test_what_is_printed_is_short(run, learned):
     assert repr(run).startswith("TwinRun(6 experiments, MME ")
 
 
+def test_what_was_rejected_is_printed():
+    beyond = ldt.Experiment(1, 0.0, 0.01, voltage=np.full(100, 90.0), speed=np.zeros(100))
+    rejected = ldt.run([beyond], "rotor")
+    assert repr(rejected) == "TwinRun(no experiments, 1 rejected: see its notes)"
+    assert "90 V" in rejected.notes[0]
+
+
 @pytest.mark.slow
 def without() -> list[str]:
     """Effects that are not tried: all of them take a minute."""
