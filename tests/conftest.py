@@ -27,13 +27,16 @@ REPOSITORY = Path(__file__).resolve().parents[1]
 MEASURED = REPOSITORY.parent / "shared" / "data"
 DOMAINS = 100  # which domain_coordinator reserves
 #: Begun before all others, in this order. In a fresh checkout the first compiles numerical code for
-#: a quarter of a minute, which most others use: beside it run those that use next to none of it.
-FIRST = ("test_docs.py", "test_hung.py", "test_house.py", "test_watch_browser.py")
+#: a minute of a processor, which most others use, and would compile as well: beside it run those
+#: that use little of it.
+FIRST = (
+    *("test_docs.py", "test_hung.py", "test_house.py", "test_watch_browser.py"),
+    *("test_crashes.py", "test_up.py"),
+)
 #: Files of the most processor time, above 20 s each: begun late, one of them would be last alone.
 LONGEST = {
-    *("test_crashes.py", "test_up.py", "test_diagnose.py", "test_verdict.py"),
-    *("test_real_machines.py", "test_tuning.py", "test_contest.py"),
-    *("test_bench_faults.py", "test_robustness_short.py"),
+    *("test_diagnose.py", "test_verdict.py", "test_real_machines.py", "test_tuning.py"),
+    *("test_contest.py", "test_bench_faults.py", "test_robustness_short.py"),
 }
 
 # Compiling takes seconds at the first call and shared machines stall: time is not what is tested.

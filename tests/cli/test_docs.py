@@ -27,7 +27,7 @@ ONE_PROCESS = ("detector", "paper")
 ON_THE_BUS = ("connect", "promises", "start")
 
 
-@pytest.mark.usefixtures("in_one_layout")
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("name", docs.names())
 def test_a_page_works_by_copy_and_paste(name, tmp_path, programs, request, monkeypatch):
     """Every block, in order, in an empty folder; what it prints is what the page says."""

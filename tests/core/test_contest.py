@@ -46,6 +46,23 @@ def steps_of(machine, count, seed=3, **how):
     return plant, [twin.step(plant.experiment(i)) for i in range(1, count + 1)]
 
 
+@pytest.fixture(scope="module")
+def steps():
+    """Seven of a twin beside a rotor that a drag begins to brake at the last of them."""
+    plant = Plant(wearing("quadratic_drag", "c", 4e-4), experiments=8, seed=3)
+    twin = ldt.Twin("rotor", model="auto")
+    return [twin.step(plant.experiment(i)) for i in range(1, 8)]
+
+
+def learned(steps):
+    """(the plant, a twin that goes on from these steps, the last of them)."""
+    twin = ldt.Twin("rotor", model="auto")
+    restart = TwinRestart(twin, RecordedRun("", "", ROTOR), pytest.fail)
+    for step in steps:
+        restart.recall(step)
+    return Plant(wearing("quadratic_drag", "c", 4e-4), experiments=8, seed=3), twin, steps[-1]
+
+
 @pytest.mark.parametrize(
     ("effect", "parameter", "to"),
     [("unbalance", "e", 0.012), ("quadratic_drag", "c", 4e-4), ("constant_load", "torque", 0.2)],
@@ -108,11 +125,9 @@ def test_a_twin_goes_on_from_its_state_as_if_it_had_never_ended(tmp_path):
         assert np.array_equal(step.prediction.speed, other.prediction.speed)
 
 
-def test_the_comparison_goes_on_when_the_original_is_back():
+def test_the_comparison_goes_on_when_the_original_is_back(steps):
     """What learns has to catch up; were all forgotten, it would cost as much each time anew."""
-    plant = Plant(wearing("quadratic_drag", "c", 4e-4), experiments=8, seed=3)
-    twin = ldt.Twin("rotor", model="auto")
-    last = [twin.step(plant.experiment(i)) for i in range(1, 8)][-1]
+    _, twin, last = learned(steps)
     healthy = Plant(ROTOR, experiments=8, seed=3, degradation="none").experiment(8)
     signal = dataclasses.replace(last.signal, state="new_range", max_error=50.0)
     erring = twin.adaptor.model.version
@@ -124,20 +139,18 @@ def test_the_comparison_goes_on_when_the_original_is_back():
     assert len(twin.adaptor.watch.errors) == 8
 
 
-def test_what_erred_more_over_several_experiments_returns_only_where_it_explains():
+def test_what_erred_more_over_several_experiments_returns_only_where_it_explains(steps):
     """In one experiment it may err less by luck; such versions came and went again and again."""
-    plant = Plant(wearing("quadratic_drag", "c", 4e-4), experiments=8, seed=3)
-    twin = ldt.Twin("rotor", model="auto")
-    last = [twin.step(plant.experiment(i)) for i in range(1, 8)][-1]
+    plant, twin, last = learned(steps)
     adaptor = twin.adaptor
-    learned = adaptor.model
-    adaptor._adopt(adaptor.original.again(learned.version + 1))
-    adaptor.watch.withdraw(learned.version)
+    drag = adaptor.model
+    adaptor._adopt(adaptor.original.again(drag.version + 1))
+    adaptor.watch.withdraw(drag.version)
     again = OriginalWatch.of(json.loads(json.dumps(adaptor.watch.state())))
     assert again.withdrawn == adaptor.watch.withdrawn
     positive = dataclasses.replace(last.signal, level=ldt.Level.POSITIVE, state="changed")
     told, _ = adaptor.step(plant.experiment(8), positive)  # which it explains
-    assert f"is version {learned.version} again" in told.reason
+    assert f"is version {drag.version} again" in told.reason
 
 
 def test_a_machine_that_changes_in_turns_is_foreseen(tmp_path):
@@ -234,12 +247,9 @@ def test_what_the_original_took_the_place_of_is_judged_on(tmp_path):
         assert step.adaptation == other.adaptation
 
 
-def test_a_version_is_not_replaced_for_what_does_not_pay():
+def test_a_version_is_not_replaced_for_what_does_not_pay(steps):
     """Who has learned more has to err less on all that is known of the machine as it is."""
-    machine = wearing("quadratic_drag", "c", 4e-4)
-    plant = Plant(machine, experiments=8, seed=3)
-    twin = ldt.Twin("rotor", model="auto")
-    last = [twin.step(plant.experiment(i)) for i in range(1, 8)][-1]
+    plant, twin, last = learned(steps)
     adaptor, before = twin.adaptor, twin.model
     assert [e.number for e in adaptor.learned_from] == list(before.trained_on)
     told, model = adaptor.step(plant.experiment(8), unsure_of(last))
@@ -248,11 +258,9 @@ def test_a_version_is_not_replaced_for_what_does_not_pay():
     assert model is before
 
 
-def test_a_counter_that_begins_anew_hides_nothing_that_can_be_learned_from():
+def test_a_counter_that_begins_anew_hides_nothing_that_can_be_learned_from(steps):
     """Another experiment of the same number has not been learned from."""
-    plant = Plant(wearing("quadratic_drag", "c", 4e-4), experiments=8, seed=3)
-    twin = ldt.Twin("rotor", model="auto")
-    last = [twin.step(plant.experiment(i)) for i in range(1, 8)][-1]
+    plant, twin, last = learned(steps)
     (old,) = twin.adaptor.learned_from
     new = dataclasses.replace(plant.experiment(8), number=old.number)
     asked = []
@@ -286,12 +294,9 @@ def test_what_nobody_explains_is_learned_from_no_further_back_than_the_change():
     assert twin.adaptor.unexplained(made[-1]) == made[change - 1 :]
 
 
-def test_causes_that_explained_nothing_are_in_no_searchs_way():
+def test_causes_that_explained_nothing_are_in_no_searchs_way(steps):
     """A search goes on from the original, where the version in force merely erred less."""
-    plant = Plant(wearing("quadratic_drag", "c", 4e-4), experiments=8, seed=3)
-    twin = ldt.Twin("rotor", model="auto")
-    for i in range(1, 8):
-        twin.step(plant.experiment(i))
+    plant, twin, _ = learned(steps)
     adaptor, explaining, asked = twin.adaptor, twin.model, []
 
     def noted(model, pool):
@@ -444,8 +449,9 @@ def unsure_of(step):
 
 def test_a_search_that_is_long_goes_on_at_later_experiments(monkeypatch, tmp_path):
     """However fast the computer is, and in a run that goes on from a recording as well."""
-    monkeypatch.setattr("ldt_core.twin.cause_search.STEPS", 2_500_000)
-    plant = Plant(wearing("unbalance", "e", 0.012), experiments=20, seed=3)
+    monkeypatch.setattr("ldt_core.twin.cause_search.STEPS", 500_000)
+    short = dataclasses.replace(wearing("unbalance", "e", 0.012), duration=4.0)  # s
+    plant = Plant(short, experiments=20, seed=3)
     (change,) = plant.schedule.changes
     stream = [plant.experiment(i) for i in range(change, change + 7)]
     settings = {**resolve({}), "model": "auto", "detector": "adequacy"}
