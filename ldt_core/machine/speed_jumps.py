@@ -15,6 +15,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -104,15 +105,26 @@ def step_limit(experiment: Experiment, recent: Sequence[Experiment] = ()) -> flo
     if recent:
         usual = min(usual, max(median_step(r) for r in recent))
     low, high = np.quantile(experiment.speed, TAILS)
-    before = [float(np.abs(np.diff(r.speed)).max(initial=0.0)) for r in recent]
-    largest = float(np.median(before)) if before else 0.0
+    largest = float(np.median([_steps(r)[1] for r in recent])) if recent else 0.0
     return max(MOST_STEP * usual, RANGE_SHARE * float(high - low), AS_BEFORE * largest)
 
 
 def median_step(experiment: Experiment) -> float:
     """From one sample to the next [rad/s], of motion and noise together."""
-    steps = np.abs(np.diff(experiment.speed))
-    return float(np.median(steps)) if steps.size else 0.0
+    return _steps(experiment)[0]
+
+
+#: Of those that are held: each is asked for by eight experiments after it, several times by each.
+_known: WeakKeyDictionary[Experiment, tuple[float, float]] = WeakKeyDictionary()
+
+
+def _steps(experiment: Experiment) -> tuple[float, float]:
+    """(median, largest) step from one sample to the next [rad/s]."""
+    if experiment not in _known:
+        steps = np.abs(np.diff(experiment.speed))
+        middle = float(np.median(steps)) if steps.size else 0.0
+        _known[experiment] = middle, float(steps.max(initial=0.0))
+    return _known[experiment]
 
 
 def _judged(dynamics: _Dynamics, beyond: Sequence[int], k: int, limit: float) -> Jump | None:

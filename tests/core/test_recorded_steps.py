@@ -76,7 +76,7 @@ def same(one, other):
             "data": "warning-set",
             "warning_threshold": 0.3,
         },
-        {"model": "linear", "order": 1, "detector": "adequacy", "experiments": 40},
+        {"model": "linear", "order": 1, "detector": "adequacy"},
         {"model": "hybrid", "experiments": 12, "degradation": "abrupt", "inducing": 30},
         {"model": "diagnosed", "cause": "unbalance", "experiments": 12, "degradation": "abrupt"},
         {"model": "linear", "order": 1, "advice": True, "advice_every": 3, "degradation": "abrupt"},
@@ -103,7 +103,7 @@ def test_a_twin_goes_on_from_any_step_as_if_nothing_had_happened(given, tmp_path
 @pytest.mark.slow
 def test_a_recording_in_the_disorder_of_a_restart_gives_the_same_steps(tmp_path):
     """Topics one after the other, and some messages twice, within what is sent again."""
-    given = settings(model="linear", experiments=10)
+    given = settings(model="linear", order=1, experiments=10)
     bag = recorded(tmp_path / "run", given, experiments(given))
     names = ("adaptation", "signal", "prediction", "experiment", "model")
     with BagWriter(tmp_path / "mixed", "rotor") as writer:
@@ -120,7 +120,7 @@ def test_a_recording_in_the_disorder_of_a_restart_gives_the_same_steps(tmp_path)
 @pytest.mark.slow
 def test_the_past_ends_with_the_last_complete_step(tmp_path):
     """A model or an adaptation that is missing at the end is made again; nothing is passed over."""
-    given = settings(model="linear", gate="none")
+    given = settings(model="linear", order=1, gate="none")
     steps = list(Twin.from_settings(SHORT, given).steps(experiments(given)))
     learned = next(i for i, s in enumerate(steps) if s.model is not None)
     for missing in ("model", "adaptation", "signal"):
@@ -154,7 +154,7 @@ def test_what_stays_incomplete_for_long_is_passed_over(tmp_path):
 @pytest.mark.slow
 def test_a_recording_of_another_detector_or_model_is_refused(tmp_path):
     """The answers would not be those of the run that is to go on."""
-    usual = {"model": "linear", "detector": "threshold"}
+    usual = {"model": "linear", "order": 1, "detector": "threshold"}
     given = settings(**usual)
     told = list(complete_steps(recorded(tmp_path / "run", given, experiments(given)), SHORT))
     for other, error, words in (
@@ -196,7 +196,7 @@ def unusable(topic):
 @pytest.mark.slow
 def test_what_nobody_could_use_does_not_keep_a_run_from_going_on(tmp_path):
     """The recorder writes what comes, and every node refused it: one that is started again, too."""
-    given = settings(model="linear", gate="none")
+    given = settings(model="linear", order=1, gate="none")
     steps = list(Twin.from_settings(SHORT, given).steps(experiments(given)))
     with BagWriter(tmp_path / "run", "rotor") as writer:
         for step in steps:
