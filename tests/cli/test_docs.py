@@ -22,15 +22,16 @@ LEFT_OUT = {
 }
 #: Pages of commands that compute in processes, as many as there are cores. Other tests ask for two
 #: of each of them; here, beside other workers, their start would cost as much as the work.
-ONE_PROCESS = ("detector", "paper")
+ONE_PROCESS = ("accuracy", "detector", "paper")
 #: Pages that start nodes.
 ON_THE_BUS = ("connect", "promises", "start")
 
 
-@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("name", docs.names())
 def test_a_page_works_by_copy_and_paste(name, tmp_path, programs, request, monkeypatch):
     """Every block, in order, in an empty folder; what it prints is what the page says."""
+    # The README begins with the same demo, and its test looks at the page.
+    request.getfixturevalue("in_one_layout" if "ldt demo\n" in docs.text(name) else "undrawn")
     if name in ON_THE_BUS:
         pytest.importorskip("rclpy")
         request.getfixturevalue("domain")

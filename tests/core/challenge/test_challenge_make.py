@@ -20,8 +20,9 @@ from ldt_core.base.experiment import rms
 from ldt_core.cli.challenge import command
 from ldt_core.lab.challenge.case_plan import FURTHER, KINDS, MEMBERS, plan_case
 from ldt_core.lab.challenge.laws import LAWS, OUTSIDE
-from ldt_core.lab.challenge.make import SHARES, case_orders, make_challenge, plan_order
+from ldt_core.lab.challenge.make import SHARES, case_orders, make_challenge
 from ldt_core.lab.challenge.rig import ALIKE, OTHER, SHOWN, CaseBench
+from ldt_core.lab.challenge.simulation import Unsteady
 from ldt_core.machine.machine_file import load_machine
 from ldt_core.recording.bag import experiments, read_bag
 
@@ -236,7 +237,17 @@ def test_the_key_knows_the_noise_as_it_fell_out_on_further_experiments():
         assert plan.truth["further_noise"][str(number)] == pytest.approx(rms(e.speed - speed), 1e-5)
 
 
-def test_every_experiment_of_a_planned_case_can_be_simulated():
-    """Under its speed controller, this machine diverged when its case was written."""
-    plan = plan_order(case_orders(60, 20271207)[7])
+def test_a_case_with_an_experiment_that_diverges_is_drawn_anew(monkeypatch):
+    """A speed controller drove a machine where its trials did not, when its case was written."""
+    plain, diverged = CaseBench.experiment, []
+
+    def diverging(bench, acting, number):
+        if number == FURTHER[-1] and not diverged:
+            diverged.append(bench.setting)
+            raise Unsteady("it has no bound")
+        return plain(bench, acting, number)
+
+    monkeypatch.setattr(CaseBench, "experiment", diverging)
+    plan = plan_case("single", ["inertia"], seed=(5,), samples=200)
     assert len([*plan.experiments(), *plan.further()]) == SHOWN + len(FURTHER)
+    assert plan.setting is not diverged[0]
