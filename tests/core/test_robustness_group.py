@@ -35,6 +35,18 @@ from ldt_core.lab.study.study_plan import StudyPlan
 from ldt_core.lab.study.study_tables import write_tables
 
 
+@pytest.fixture(scope="module")
+def white() -> AlarmCount:
+    """Alarms under white noise, of 5000 experiments."""
+    return count_alarms(AlarmTask(0, law="white"))
+
+
+@pytest.fixture(scope="module")
+def large() -> AlarmCount:
+    """When a large change is found."""
+    return count_alarms(AlarmTask(0, size=2.0))
+
+
 def test_the_figures_of_a_run_are_what_they_say():
     """By hand: 12.6 of 100 are left, 8 after the first experiment, at one adaptation a change."""
     score = score_run(made())
@@ -122,17 +134,15 @@ def test_the_straw_man_waits_longer_while_learning_does_not_help():
 
 
 @pytest.mark.slow
-def test_white_noise_gives_no_more_false_alarms_than_stated():
+def test_white_noise_gives_no_more_false_alarms_than_stated(white):
     """5000 experiments: five are stated, ten or fewer are within the interval."""
-    count = count_alarms(AlarmTask(0, law="white"))
-    assert count.first <= 10
-    assert count.first / count.experiments <= 2 / EVERY
+    assert white.first <= 10
+    assert white.first / white.experiments <= 2 / EVERY
 
 
-def test_a_large_change_is_found_at_once_and_the_bound_is_below():
+def test_a_large_change_is_found_at_once_and_the_bound_is_below(large):
     """A wave of twice the noise's energy: in its own experiment, by CUSUM too."""
-    count = count_alarms(AlarmTask(0, size=2.0))
-    assert set(count.delays) == set(count.cusum) == {1}
+    assert set(large.delays) == set(large.cusum) == {1}
     assert lorden(2.0, known=True) == lorden(2.0, known=False) == 1.0
     assert lorden(0.1, known=False) > lorden(0.1, known=True)
 
@@ -151,11 +161,10 @@ def test_what_was_counted_is_not_counted_again(tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-def test_page_and_file_say_what_came_of_it(tmp_path):
+def test_page_and_file_say_what_came_of_it(white, large, tmp_path):
     """Verdicts, both tables and the figure; a row for each run and one for never."""
     runs = tuple(made(setup=setup) for setup in SETUPS)
-    counts = (count_alarms(AlarmTask(0, size=2.0)), count_alarms(AlarmTask(0, law="white")))
-    study = Study({"groups": ("robustness", "alarms")}, (), robust=runs, alarms=counts)
+    study = Study({"groups": ("robustness", "alarms")}, (), robust=runs, alarms=(large, white))
     write_tables(tmp_path, study)
     rows = list(csv.DictReader((tmp_path / "robustness.csv").read_text().splitlines()))
     assert [r["setup"] for r in rows] == ["default", "never", *list(SETUPS)[1:]]
