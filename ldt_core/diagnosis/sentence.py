@@ -96,9 +96,10 @@ def not_standing(
     """
     place = f", {_lies(where)}," if where and where[0].share_of_data < 1 else ""
     best = " and ".join(spoken(n) for n in names)
+    fit = "fits" if len(names) == 1 else "fit"
     return (
         f"Unknown: the gap{place} is not explained. On held-out experiments the error is "
-        f"{gap.before.rmse:.3g} rad/s. {best[0].upper()}{best[1:]} fits it best, but {objection}."
+        f"{gap.before.rmse:.3g} rad/s. {best[0].upper()}{best[1:]} {fit} it best, but {objection}."
     )
 
 

@@ -1,7 +1,8 @@
 """Whether what was named stands by itself on experiments that it was not fitted to.
 
 A share of a huge gap proves nothing: a shaft that stands still closes most of it, too. So the error
-that a named set leaves is compared with what needs no machine at all, and with a linear model.
+that a named set leaves is compared with what needs no machine at all, with a linear model, and with
+the machine file and one free curve.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from ldt_core.diagnosis.holdout import beyond_noise, errors, errors_of, free_run
 from ldt_core.diagnosis.sentence import not_all_alike
 from ldt_core.diagnosis.simulated_experiments import StartStates, Used
 from ldt_core.diagnosis.start_angles import ANGLE_TOLERANCE
+from ldt_core.diagnosis.static_curve import curve_instead
 from ldt_core.diagnosis.thresholds import THRESHOLDS
 from ldt_core.diagnosis.verdict import Decision, choose
 from ldt_core.machine.machine_file import Machine
@@ -91,6 +93,9 @@ def _asked(
     begun = begun_errors(machine, best, held)
     pair = begun or (errors(held, before), errors(held, after))
     why = objection(machine, best, fitted, held, *pair, noise)
+    if not why and begun is None and _apart(fitted, held):
+        instead = curve_instead(machine, best, fitted, held, before, after, noise)
+        why = instead and f"it leaves {pair[1].rmse:.3g} rad/s, where {instead}"
     return Standing(decision, why, before, after, begun)
 
 
@@ -114,7 +119,7 @@ def objection(
         return "with it held-out experiments cannot be simulated"
     # An error without it that is no number is one without bound, which anything finite improves.
     # Part of the one experiment that it was fitted to begins in a state that nobody has measured.
-    apart = {e.number for e in held}.isdisjoint(e.number for e in fitted)
+    apart = _apart(fitted, held)
     worse = np.isfinite(before.rmse) and after.rmse >= before.rmse
     if apart and worse and _fails(machine, best, fitted, held, noise):
         return (
@@ -139,7 +144,7 @@ def objection(
     linear = _linear(machine, fitted, held)
     if linear is not None and not left < THRESHOLDS.trifle_of_gap * gap:
         power = errors(held, linear).rmse ** 2
-        if left > THRESHOLDS.behind_linear_model * max(power - noise**2, noise**2):
+        if left > THRESHOLDS.behind_reference * max(power - noise**2, noise**2):
             return (
                 f"it leaves {after.rmse:.3g} rad/s, where a linear model without physics leaves "
                 f"{power**0.5:.3g}"
@@ -150,6 +155,11 @@ def objection(
     if sure > LEFT * whole and not worse and _fails(machine, best, fitted, held, noise):
         return f"it leaves {after.rmse:.3g} of {before.rmse:.3g} rad/s on held-out experiments"
     return ""
+
+
+def _apart(fitted: Sequence[Experiment], held: Sequence[Experiment]) -> bool:
+    """Whether those held out are no parts of the fitted ones."""
+    return {e.number for e in held}.isdisjoint(e.number for e in fitted)
 
 
 def _fails(
@@ -198,7 +208,7 @@ def unlike(
         fitted, held: experiments that show no gap, and those held out.
         noise: deviation of the sensor's there [rad/s].
     """
-    if not {e.number for e in held}.isdisjoint(e.number for e in fitted):
+    if not _apart(fitted, held):
         return ""
     residuals = FreeRunResiduals(machine, held)
     # What no experiment shows beforehand, its first current and angle, is no gap either.

@@ -134,8 +134,8 @@ class Thresholds:
         CHOSEN,
         "A coefficient of determination of 0.9: a law that leaves more is not the machine's.",
     )
-    behind_linear_model: float = _limit(
-        4.0, "power that a linear model leaves", CHOSEN, "Twice its error: it knows less physics."
+    behind_reference: float = _limit(
+        4.0, "power that a reference leaves", CHOSEN, "Twice its error, and it knows less physics."
     )
     trifle_of_gap: float = _limit(
         0.03, OF_GAP, CASES, "A library's law that is the right one leaves up to as much."

@@ -81,7 +81,7 @@ def torque_curve(
         shared = np.zeros(KNOTS)
         for begin in range(0, wrong.size, BLOCK):
             part = slice(begin, begin + BLOCK)
-            moved = answered(_hats(q[part], knots), decay, gain, state)
+            moved = answered(hats(q[part], knots), decay, gain, state)
             gram += moved.T @ moved
             along += moved.T @ wrong[part]
             shared += moved.T @ first[part]
@@ -92,12 +92,12 @@ def torque_curve(
             gram -= np.outer(shared, shared)
             along -= shared * known
             power -= known**2
-    torque, deviation, taken = _likeliest(gram, along, power, count)
+    torque, deviation, taken = likeliest(gram, along, power, count)
     beyond = max(power - count * noise**2, 1e-12 * power, 1e-300)
     return TorqueCurve(knots, torque, deviation, min(max(taken / beyond, 0.0), 1.0))
 
 
-def _hats(q: Array, knots: Array) -> Array:
+def hats(q: Array, knots: Array) -> Array:
     """(L, K) weights of the knots at each sample."""
     apart = (knots[1] - knots[0]) or 1.0  # of what never changes, all are one
     place = np.clip((q - knots[0]) / apart, 0.0, knots.size - 1 - 1e-9)
@@ -108,7 +108,7 @@ def _hats(q: Array, knots: Array) -> Array:
     return hats
 
 
-def _likeliest(gram: Array, along: Array, power: float, count: int) -> tuple[Array, Array, float]:
+def likeliest(gram: Array, along: Array, power: float, count: int) -> tuple[Array, Array, float]:
     """((K,) torque, (K,) its deviation, power it takes away) at the likeliest prior."""
     size = along.size
     walk = np.diff(np.eye(size), axis=0)
