@@ -166,6 +166,10 @@ class ErrorBand:
         """Of the speed alone."""
         return self._limit(chance, self.free[0] * self.level[0] ** 2, self.free[0])
 
+    def current_limit(self, chance: float) -> float:
+        """Of the current alone, where it was measured."""
+        return self._limit(chance, self.free[1] * self.level[1] ** 2, self.free[1])
+
     def _limit(self, chance: float, noise: float, free: float) -> float:
         # Without a frequency above the band, noise is as uncertain as third differences tell it.
         above = self.above / MEDIAN_VARIANCE if self.above else free / DIFFERENCE_VARIANCE

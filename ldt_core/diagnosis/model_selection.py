@@ -132,6 +132,12 @@ class FittedSets:
         """Of the residuals without any effect."""
         return self.band.excess(self.base)
 
+    @property
+    def speed_shows(self) -> bool:
+        """Whether the speed shows a gap, and not the current alone."""
+        limit = self.band.speed_limit(THRESHOLDS.remainder_false_alarm)
+        return self.band.speed_excess(self.base) > limit
+
     def least_left(self) -> tuple[float, EffectFit]:
         """The set that leaves least, and the power that it leaves beyond noise."""
         best = min(self.fits.values(), key=lambda f: self.band.excess(f.residual))

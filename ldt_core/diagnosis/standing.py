@@ -20,6 +20,7 @@ from ldt_core.diagnosis.effect_fit import EffectFit
 from ldt_core.diagnosis.effect_set_search import EffectSetSearch
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
 from ldt_core.diagnosis.holdout import beyond_noise, errors, errors_of, free_run, noise_there
+from ldt_core.diagnosis.model_selection import FittedSets
 from ldt_core.diagnosis.sentence import not_all_alike
 from ldt_core.diagnosis.simulated_experiments import StartStates, Used
 from ldt_core.diagnosis.start_angles import ANGLE_TOLERANCE
@@ -92,7 +93,7 @@ def _asked(
     noise = noise_there(held, after, decision.residuals.noise[0], search.found.band.limit)
     begun = begun_errors(machine, best, held)
     pair = begun or (errors(held, before), errors(held, after))
-    why = objection(machine, best, fitted, held, *pair, noise)
+    why = objection(machine, best, fitted, held, *pair, noise) or unlike_current(search.found, best)
     if not why and begun is None and _apart(fitted, held):
         instead = curve_instead(machine, best, fitted, held, before, after, noise)
         why = instead and f"it leaves {pair[1].rmse:.3g} rad/s, where {instead}"
@@ -154,6 +155,25 @@ def objection(
     sure, whole = beyond_noise(after.rmse, noise, speed.size), before.rmse**2 - noise**2
     if sure > LEFT * whole and not worse and _fails(machine, best, fitted, held, noise):
         return f"it leaves {after.rmse:.3g} of {before.rmse:.3g} rad/s on held-out experiments"
+    return ""
+
+
+def unlike_current(found: FittedSets, best: EffectFit) -> str:
+    """The objection that a set leaves most of what the current plainly shows; "" for none.
+
+    What acts on the machine moves both, and of the current it leaves what its law is off by, at
+    most. Where the speed shows no gap, the current is all that speaks for a set.
+    """
+    band, residuals = found.band, found.residuals
+    currents = [e.current for e in residuals.experiments if e.current is not None]
+    if not currents:
+        return ""
+    left, gap = (band.current_excess(r) for r in (best.residual, found.base))
+    signal = sum(float(c @ c) for c in currents) / residuals.noise[1] ** 2
+    law = THRESHOLDS.law_error**2 * signal if found.speed_shows else 0.0
+    plainly = max(band.current_limit(THRESHOLDS.remainder_false_alarm), law)
+    if left > plainly and left > THRESHOLDS.further_effect_of_remainder * gap:
+        return "it leaves most of what the current shows"
     return ""
 
 

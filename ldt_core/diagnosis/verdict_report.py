@@ -165,7 +165,7 @@ class VerdictReport:
             words = STRAINED
         if d.kind == "none":
             words = enough(self.machine, refit, was.rmse) or words
-        elif self.named is None and not self.faulty:
+        elif self.named is None and not self.faulty and self.search.found.speed_shows:
             words = f"{words} {as_calibrated(self.machine, was.rmse)}".rstrip()
         sure = self.named is not None or d.kind == "none" or strained
         far = said(self.machine, refit, moved, was.rmse) if refit and sure else ""

@@ -238,3 +238,22 @@ def test_amounts_that_two_effects_may_exchange_are_not_told_as_known():
     ]
     assert max(factors) == pytest.approx(2.2, rel=0.1)
     assert min(factors) < 0.5
+
+
+@pytest.mark.parametrize(
+    ("supplied", "shown", "names"),
+    [
+        (1.0, 0.9, ["armature_inductance", "inertia"]),  # another sensor of the current
+        (0.92, 1.0, ["sensor_gain", "inertia"]),  # another voltage, which the speed takes for that
+    ],
+)
+def test_a_set_that_leaves_what_the_current_shows_is_no_cause(supplied, shown, names):
+    """Whatever it explains of the speed; even where the speed shows no gap at all."""
+    experiments = [
+        replace(e, voltage=e.voltage / supplied, current=e.current * shown)
+        for e in record(MOTOR, count=4, current=True)
+    ]
+    found = diagnose(MOTOR, experiments, effects=[get_effect(n) for n in names], workers=1)
+    assert (found.verdict.kind, found.effects) == ("unknown", [])
+    assert "leaves most of what the current shows" in found.verdict.sentence
+    assert "need not have changed" not in found.verdict.sentence
