@@ -385,4 +385,8 @@ class EffectSetSearch(SetFits):
         tried |= {n for n in fitted if len(n) == count == len(n & best) + 1}
         scouted, found = fitted.get(best, base), [f for n, f in fitted.items() if n in tried]
         close = [f for f in found if self.near(f, scouted) or self._plainer(f, scouted)]
-        return [self.finish(f) for f in sorted(close, key=lambda f: f.loss)[:FINISHED_RIVALS]]
+        # The plainest are the answer where they do, and more parameters always leave a little less.
+        by_loss = sorted(close, key=lambda f: f.loss)
+        plain = sorted((f for f in by_loss if f.free < base.free), key=lambda f: f.free)
+        chosen = dict.fromkeys([*by_loss[:FINISHED_RIVALS], *plain[:FINISHED_RIVALS]])
+        return [self.finish(f) for f in chosen]

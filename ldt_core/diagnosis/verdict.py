@@ -134,14 +134,18 @@ def choose(search: EffectSetSearch, seed: int) -> Decision:
     band.level = search.band.level = band.channel_noise(best.residual)
     gap = band.speed_gap(found.base, best.residual)
     chosen: EffectFit | None = _largest_worth_its_parts(search, _growing_sets(found, gap), gap)
+    asked: set[frozenset[str]] = set()
     while chosen:
+        asked.add(frozenset(chosen.names))
         search.alternatives(chosen)
         # A better minimum may have turned up for it, on the scout's experiments alone so far.
         search.finish(found.scouted[frozenset(chosen.names)])
         pool = found.standing(len(chosen.names)) or [chosen]
         gap = band.speed_gap(found.base, pool[0].residual)
         alike = _alike(found, pool, gap)
-        chosen = _without_the_vague(search, alike, gap)
+        # A plainer one in its place has rivals of its own, which differ from the first in two.
+        own = frozenset(alike[0].names) in asked
+        chosen = _without_the_vague(search, alike, gap) if own else alike[0]
     best = alike[0]
     left, gap = band.speed_excess(best.residual), band.speed_gap(found.base, best.residual)
     structured = band.excess(best.residual) > band.limit_of(THRESHOLDS.remainder_false_alarm)

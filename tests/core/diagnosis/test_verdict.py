@@ -596,3 +596,16 @@ def test_a_plainer_law_that_leaves_far_more_than_noise_is_not_taken_for_the_righ
     about = {"machine": MOTOR, "samples": 800, "count": 4, "hold": 100}
     found, _ = verdict(*effects, names=names, **about)
     assert sorted(found.verdict.effects) == ["spring_load", "winding_heating"]
+
+
+def test_a_law_with_more_parameters_does_not_hide_the_rivals_of_a_plainer_one():
+    """A file is off beside a dry friction: two of three effects could each say how."""
+    true = MOTOR.with_parameters(J=1e-4, b=1e-5)
+    file = true.with_parameters(J=0.983e-4, K_t=0.0524, R=0.982)
+    of = {"count": 5, "samples": 300, "hold": 40, "noise": 0.5, "volts": (-10.0, 10.0)}
+    experiments = record(true, "coulomb_friction:torque=0.015", **of)
+    names = ("coulomb_friction", "inertia", "motor_constant", "sensor_gain", "asymmetric_friction")
+    found = diagnose(file, experiments, effects=[get_effect(n) for n in names], workers=1)
+    friction, *others = found.verdict.acting
+    assert friction == ["coulomb_friction"]
+    assert all("motor_constant" in group for group in others)
