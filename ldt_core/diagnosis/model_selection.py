@@ -136,7 +136,7 @@ class FittedSets:
     def speed_shows(self) -> bool:
         """Whether the speed shows a gap, and not the current alone."""
         limit = self.band.speed_limit(THRESHOLDS.remainder_false_alarm)
-        return self.band.speed_excess(self.base) > limit
+        return not self.band.free[1] or self.band.speed_excess(self.base) > limit
 
     def least_left(self) -> tuple[float, EffectFit]:
         """The set that leaves least, and the power that it leaves beyond noise."""

@@ -3,8 +3,8 @@
 Each effect of a set has few parameters, and a set of two or three imitates many a law that the
 library lacks. A curve of the voltage at the terminals has as much freedom as any supply, and none
 besides. Where it follows experiments that it was not fitted to far better than a set does, the
-machine has such a law, and the set is not its cause. Unless the set is such a curve itself: then
-its own law is only off, and its name is right.
+machine has such a law, and the set is not its cause. Unless such a curve beside the set follows as
+well, and is small: then the set's own law is only off, and its name is right.
 """
 
 from __future__ import annotations
@@ -130,30 +130,33 @@ def curve_instead(
         before, after: (L,) free runs of the held-out experiments without it and with it [rad/s].
         noise: deviation of the sensor's there [rad/s].
     """
-    own = best.use[len(best.effects) :]
-    without = [free_run(machine, e) for e in fitted]
-    missing = _errors(fitted, without), _errors(held, before)
-    change = (
-        [free_run(machine, e, best.use) - free_run(machine, e, own) for e in fitted],
-        [run - free_run(machine, e, own) for e, run in zip(held, after, strict=True)],
+    runs = [free_run(machine, e) for e in fitted], [free_run(machine, e, best.use) for e in fitted]
+    alone, beside = (
+        (_errors(fitted, run), _errors(held, there))
+        for run, there in zip(runs, (before, after), strict=True)
     )
-    if not all(np.isfinite(np.concatenate(runs)).all() for runs in (*missing, *change)):
+    if not all(np.isfinite(np.concatenate(errors)).all() for errors in (*alone, *beside)):
         return ""
-    power, acts = _power(_errors(held, after)), _power(change[1])
+    power = _power(beside[1])
+    acts = _power([now - was for now, was in zip(after, before, strict=True)])
     # By so much the right law may be off, or noise favour a curve.
-    law, chance = THRESHOLDS.law_error**2 * acts, THRESHOLDS.visible_change * noise**2
-    least = max(law, chance / sum(map(len, held)))
+    chance = THRESHOLDS.visible_change * noise**2 / sum(map(len, held))
+    least = max(THRESHOLDS.law_error**2 * acts, chance)
+
+    def follows(left: float) -> bool:
+        gain, rest = power - left, max(left - noise**2, 0.0)
+        return gain > max(least, (THRESHOLDS.behind_reference - 1) * rest)
+
     for of, told in CURVES.items():
         try:
             curve = StaticCurve(machine, of, fitted, held)
         except LdtError:  # a motor that no linear model samples
             return ""
-        left = curve.left(*missing)
-        beyond = max(left - noise**2, 0.0)
-        if power - left <= max(least, (THRESHOLDS.behind_reference - 1) * beyond):
+        if not follows(left := curve.left(*alone)):
             continue
-        # A curve that follows the set itself only has its law more exactly.
-        if curve.left(*change) > law:
+        # Beside the set, a curve is what the set's own law is off by; that may be a little.
+        rest = curve.left(*beside)
+        if not follows(rest) or power - rest > THRESHOLDS.departure_of_law * acts:
             return f"{told} leaves {left**0.5:.3g}"
     return ""
 
