@@ -7,6 +7,7 @@ the machine file and one free curve.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -44,6 +45,7 @@ class Standing(NamedTuple):
         objection: why its set is not the answer, as the end of a sentence; "" if it is.
         before, after: (L,) free runs of the held-out experiments without it and with it [rad/s].
         begun: as `begun_errors` has them.
+        beaten: error that its set leaves where a curve leaves far less [rad/s]; else infinite.
     """
 
     decision: Decision
@@ -51,6 +53,7 @@ class Standing(NamedTuple):
     before: list[Array]
     after: list[Array]
     begun: Begun
+    beaten: float = math.inf
 
 
 def standing(
@@ -63,15 +66,18 @@ def standing(
 ) -> Standing:
     """What was decided, or in place of a set that does not stand one that does.
 
-    A set that was refuted is no rival of a larger one, however far its laws might depart.
+    A set that was refuted is no rival of a larger one, however far its laws might depart. What
+    leaves more than a set that a curve has beaten is no answer either.
     """
     before = [free_run(machine, e) for e in held]
     first: Standing | None = None
+    beaten = math.inf
     refuted = search.found.refuted
     while decision.best and decision.kind != "unknown":
         now = _asked(machine, decision, decision.best, search, fitted, held, before)
-        if not now.objection:
+        if not now.objection and errors(held, now.after).rmse < beaten:
             return now
+        beaten = min(beaten, now.beaten)
         first, names = first or now, frozenset(decision.best.names)
         if names in refuted:  # nothing else is left
             break
@@ -96,7 +102,9 @@ def _asked(
     why = objection(machine, best, fitted, held, *pair, noise) or unlike_current(search.found, best)
     if not why and begun is None and _apart(fitted, held):
         instead = curve_instead(machine, best, fitted, held, before, after, noise)
-        why = instead and f"it leaves {pair[1].rmse:.3g} rad/s, where {instead}"
+        if instead:
+            why, error = f"it leaves {pair[1].rmse:.3g} rad/s, where {instead}", pair[1].rmse
+            return Standing(decision, why, before, after, begun, error)
     return Standing(decision, why, before, after, begun)
 
 
