@@ -25,7 +25,7 @@ from ldt_core.diagnosis.model_selection import FittedSets
 from ldt_core.diagnosis.sentence import not_all_alike
 from ldt_core.diagnosis.simulated_experiments import StartStates, Used
 from ldt_core.diagnosis.start_angles import ANGLE_TOLERANCE
-from ldt_core.diagnosis.static_curve import curve_instead
+from ldt_core.diagnosis.static_curve import FreeCurves
 from ldt_core.diagnosis.thresholds import THRESHOLDS
 from ldt_core.diagnosis.verdict import Decision, choose
 from ldt_core.machine.machine_file import Machine
@@ -70,11 +70,12 @@ def standing(
     leaves more than a set that a curve has beaten is no answer either.
     """
     before = [free_run(machine, e) for e in held]
+    curves = FreeCurves(machine, fitted, held, before)
     first: Standing | None = None
     beaten = math.inf
     refuted = search.found.refuted
     while decision.best and decision.kind != "unknown":
-        now = _asked(machine, decision, decision.best, search, fitted, held, before)
+        now = _asked(machine, decision, decision.best, search, fitted, held, curves)
         if not now.objection and errors(held, now.after).rmse < beaten:
             return now
         beaten = min(beaten, now.beaten)
@@ -93,15 +94,16 @@ def _asked(
     search: EffectSetSearch,
     fitted: Sequence[Experiment],
     held: Sequence[Experiment],
-    before: list[Array],
+    curves: FreeCurves,
 ) -> Standing:
+    before = curves.before
     after = [free_run(machine, e, best.use) for e in held]
     noise = noise_there(held, after, decision.residuals.noise[0], search.found.band.limit)
     begun = begun_errors(machine, best, held)
     pair = begun or (errors(held, before), errors(held, after))
     why = objection(machine, best, fitted, held, *pair, noise) or unlike_current(search.found, best)
     if not why and begun is None and _apart(fitted, held):
-        instead = curve_instead(machine, best, fitted, held, before, after, noise)
+        instead = curves.instead(best, after, noise)
         if instead:
             why, error = f"it leaves {pair[1].rmse:.3g} rad/s, where {instead}", pair[1].rmse
             return Standing(decision, why, before, after, begun, error)

@@ -9,8 +9,9 @@ well, and is small: then the set's own law is only off, and its name is right.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.signal import lfilter
@@ -112,53 +113,70 @@ class StaticCurve:
             yield part, np.asarray(moved)
 
 
-def curve_instead(
-    machine: Machine,
-    best: EffectFit,
-    fitted: Sequence[Experiment],
-    held: Sequence[Experiment],
-    before: Sequence[Array],
-    after: Sequence[Array],
-    noise: float,
-) -> str:
-    """Which curve leaves so much less than a set that this is not the cause; "" if none does.
-
-    Both are judged on the same samples, whose noise then takes no part in how they differ.
+@dataclass(eq=False)
+class FreeCurves:
+    """All curves, asked about one set after the other; what no set changes is computed once.
 
     Args:
-        best: the set.
-        before, after: (L,) free runs of the held-out experiments without it and with it [rad/s].
-        noise: deviation of the sensor's there [rad/s].
+        fitted, held: experiments that sets are fitted to, and those that they are judged on.
+        before: (L,) free runs of the latter without any set [rad/s].
     """
-    runs = [free_run(machine, e) for e in fitted], [free_run(machine, e, best.use) for e in fitted]
-    alone, beside = (
-        (_errors(fitted, run), _errors(held, there))
-        for run, there in zip(runs, (before, after), strict=True)
-    )
-    if not all(np.isfinite(np.concatenate(errors)).all() for errors in (*alone, *beside)):
-        return ""
-    power = _power(beside[1])
-    acts = _power([now - was for now, was in zip(after, before, strict=True)])
-    # By so much the right law may be off, or noise favour a curve.
-    chance = THRESHOLDS.visible_change * noise**2 / sum(map(len, held))
-    least = max(THRESHOLDS.law_error**2 * acts, chance)
 
-    def follows(left: float) -> bool:
-        gain, rest = power - left, max(left - noise**2, 0.0)
-        return gain > max(least, (THRESHOLDS.behind_reference - 1) * rest)
+    machine: Machine
+    fitted: Sequence[Experiment]
+    held: Sequence[Experiment]
+    before: list[Array]
+    _known: dict[str, tuple[StaticCurve, float]] = field(default_factory=dict)
 
-    for of, told in CURVES.items():
-        try:
-            curve = StaticCurve(machine, of, fitted, held)
-        except LdtError:  # a motor that no linear model samples
+    def instead(self, best: EffectFit, after: Sequence[Array], noise: float) -> str:
+        """Which curve leaves so much less than a set that this is not the cause; "" for none.
+
+        Both are judged on the same samples, whose noise then takes no part in how they differ.
+
+        Args:
+            best: the set.
+            after: (L,) free runs of the held-out experiments with it [rad/s].
+            noise: deviation of the sensor's there [rad/s].
+        """
+        runs = [free_run(self.machine, e, best.use) for e in self.fitted]
+        beside = _errors(self.fitted, runs), _errors(self.held, after)
+        if not all(np.isfinite(np.concatenate(part)).all() for part in (*self._alone, *beside)):
             return ""
-        if not follows(left := curve.left(*alone)):
-            continue
-        # Beside the set, a curve is what the set's own law is off by; that may be a little.
-        rest = curve.left(*beside)
-        if not follows(rest) or power - rest > THRESHOLDS.departure_of_law * acts:
-            return f"{told} leaves {left**0.5:.3g}"
-    return ""
+        power = _power(beside[1])
+        acts = _power([now - was for now, was in zip(after, self.before, strict=True)])
+        # By so much the right law may be off, or noise favour a curve.
+        chance = THRESHOLDS.visible_change * noise**2 / sum(map(len, self.held))
+        least = max(THRESHOLDS.law_error**2 * acts, chance)
+
+        def follows(left: float) -> bool:
+            gain, rest = power - left, max(left - noise**2, 0.0)
+            return gain > max(least, (THRESHOLDS.behind_reference - 1) * rest)
+
+        for of, told in CURVES.items():
+            try:
+                curve, left = self._curve(of)
+            except LdtError:  # a motor that no linear model samples
+                return ""
+            if not follows(left):
+                continue
+            # Beside the set, a curve is what the set's own law is off by; that may be a little.
+            rest = curve.left(*beside)
+            if not follows(rest) or power - rest > THRESHOLDS.departure_of_law * acts:
+                return f"{told} leaves {left**0.5:.3g}"
+        return ""
+
+    @functools.cached_property
+    def _alone(self) -> tuple[list[Array], list[Array]]:
+        """Errors without any set, fitted and held out."""
+        runs = [free_run(self.machine, e) for e in self.fitted]
+        return _errors(self.fitted, runs), _errors(self.held, self.before)
+
+    def _curve(self, of: str) -> tuple[StaticCurve, float]:
+        """A curve, and the mean square that it leaves without any set."""
+        if of not in self._known:
+            curve = StaticCurve(self.machine, of, self.fitted, self.held)
+            self._known[of] = curve, curve.left(*self._alone)
+        return self._known[of]
 
 
 def _errors(experiments: Sequence[Experiment], runs: Sequence[Array]) -> list[Array]:
