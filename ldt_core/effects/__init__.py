@@ -36,6 +36,8 @@ _FILES = {
         "open_circuit",
         "voltage_saturation",
         "current_limit",
+        "input_gain",
+        "input_bias",
         "input_deadzone",
         "input_delay",
     ),

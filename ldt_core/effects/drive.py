@@ -91,6 +91,14 @@ def _delayed(times, volts, delay):
     return times + delay, volts
 
 
+def _amplified(times, volts, factor):
+    return times, volts * factor
+
+
+def _offset(times, volts, bias):
+    return times, volts + bias
+
+
 def _limit(name: str, unit: str, description: str, scale: float) -> Parameter:
     """A size that nothing exceeds; by default nothing reaches it."""
     return Parameter(name, unit, 0.0, NO_LIMIT, NO_LIMIT, description, open_low=True, scale=scale)
@@ -286,6 +294,30 @@ INPUT_DEADZONE = Effect(
     typical={"width": 0.5},
     on_voltage=_dead,
     reference="Khalil, Nonlinear Systems, chapter 1 (common nonlinearities: dead zone)",
+)
+
+INPUT_GAIN = Effect(
+    name="input_gain",
+    family="calibration",
+    description="the supply or amplifier puts out a multiple of the command (looks like a sensor's "
+    "gain unless the current is measured)",
+    equation="V := factor V",
+    parameters=(factor_of("of the voltage"),),
+    typical={"factor": 1.05},
+    on_voltage=_amplified,
+    reference="Mohan, Undeland, Robbins, Power Electronics, chapter on DC motor drives (gain of "
+    "the converter)",
+)
+
+INPUT_BIAS = Effect(
+    name="input_bias",
+    family="calibration",
+    description="the amplifier adds the same voltage to every command, 0 included",
+    equation="V := V + bias",
+    parameters=(Parameter("bias", "V", default=0.0, description="either sign", scale=0.5),),
+    typical={"bias": 0.5},
+    on_voltage=_offset,
+    reference="Horowitz, Hill, The Art of Electronics, chapter 4 (offset of an amplifier)",
 )
 
 INPUT_DELAY = Effect(

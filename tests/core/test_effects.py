@@ -55,6 +55,7 @@ SI = {"V", "A", "Ohm", "H", "N", "m", "kg", "s", "s^2", "rad", "K", "W"}
 EITHER_SIGN = {
     ("viscous_friction", "b"),
     ("sensor_bias", "bias"),
+    ("input_bias", "bias"),
     ("gravity_imbalance", "phase"),
     ("cogging_torque", "phase"),
 }
@@ -257,7 +258,7 @@ def test_before_a_delayed_command_the_machine_runs_on_as_it_was():
     assert speed[30] > 31
 
 
-def test_saturation_and_dead_zone_change_the_command():
+def test_what_lies_between_command_and_terminals_changes_the_command():
     """12 V behind a limit of 10 is 10 V; behind a dead zone of 0.5 V it is 11.5, either sign."""
     for level, effect, same in [
         (12, "voltage_saturation:limit=10", 10),
@@ -265,6 +266,8 @@ def test_saturation_and_dead_zone_change_the_command():
         (12, "input_deadzone:width=0.5", 11.5),
         (-12, "input_deadzone:width=0.5", -11.5),
         (0.4, "input_deadzone:width=0.5", 0),
+        (12, "input_gain:factor=0.5", 6),
+        (-12, "input_bias:bias=0.5", -11.5),
     ]:
         got = free_run(ROTOR, held(level, 3), effect)[1]
         np.testing.assert_array_equal(got, free_run(ROTOR, held(same, 3))[1])

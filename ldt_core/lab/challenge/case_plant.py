@@ -42,6 +42,7 @@ _FIELDS = {
         *("source", "source_rise", "brush", "brush_current", "brush_rise"),
         *("block", "block_fall", "open", "open_fall"),
         *("current_limit", "current_contact", "speed_limit", "limiter_gain", "limiter_leak"),
+        *("supply_gain", "supply_bend", "supply_bias", "supply_bias_fall"),
         *("actuator_time", "limit", "limit_sharpness", "dead", "dead_softness", "delay", "walk"),
     ),
     "load": (
@@ -93,8 +94,9 @@ def ideal(known: Mapping[str, float]) -> Any:
         "time_winding",
     ):
         p[name] = 1.0
-    for name in ("time_housing", "drag_speed", "band_width", "hysteresis_width", "gain"):
+    for name in ("time_housing", "drag_speed", "band_width", "hysteresis_width"):
         p[name] = 1.0
+    p["gain"] = p["supply_gain"] = 1.0
     p["bristle"], p["stribeck_power"], p["drag_power"] = BRISTLE, 2.0, 2.0
     p["current_contact"] = CONTACT
     p["limit"] = p["current_limit"] = p["speed_limit"] = p["stall_speed"] = np.inf

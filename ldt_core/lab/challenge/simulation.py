@@ -14,6 +14,7 @@ from ldt_core.base.errors import LdtError
 from ldt_core.lab.challenge.case_plant import STATES, TOLERANCES
 from ldt_core.lab.challenge.dormand_prince import TOLERANCE, integrate
 
+SUPPLY_KNEE = 8.0  # V, over which a supply's gain or offset departs from the library's
 WALK_PERIOD = 0.01  # s, in which a wandering supply takes a step
 WALK_MEMORY = 4.0  # s, after which it has forgotten where it was
 MISSED_BURST = 0.3  # s, mean length of a time in which pulses are missed
@@ -130,6 +131,10 @@ def _supplied(plant: Any, volts: Array, period: float, random: np.random.Generat
         size = 0.5 * (beyond + np.sqrt(beyond**2 + softness**2))
         least = 0.5 * (-plant["dead"] + math.hypot(plant["dead"], softness))
         supplied = np.sign(supplied) * np.maximum(size - least, 0.0)
+    knee = np.tanh(np.abs(supplied) / SUPPLY_KNEE)
+    more = (plant["supply_gain"] - 1.0) * (1.0 + plant["supply_bend"] * knee)
+    offset = plant["supply_bias"] * (1.0 + plant["supply_bias_fall"] * knee)
+    supplied = supplied * (1.0 + more) + offset
     if plant["walk"] > 0:
         steps = random.normal(0.0, 1.0, volts.size)
         keep = math.exp(-WALK_PERIOD / WALK_MEMORY)

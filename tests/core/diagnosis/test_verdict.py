@@ -240,6 +240,26 @@ def test_a_winding_and_a_supply_are_never_told_apart():
         assert set(found.verdict.effects) == {"armature_resistance", "source_resistance"}
 
 
+def test_only_the_current_tells_a_lower_supply_from_a_sensor_s_gain():
+    """The speed of a machine without dry friction scales with either of them."""
+    names = ("input_gain", "sensor_gain", "motor_constant", "inertia")
+    for effect in ("input_gain:factor=0.9", "sensor_gain:factor=0.9"):
+        found, _ = verdict(effect, names=names)
+        assert found.verdict.acting == [["input_gain", "sensor_gain"]]
+        found, _ = verdict(effect, names=names, current=True)
+        assert found.verdict.acting == [[effect.partition(":")[0]]]
+
+
+def test_the_current_tells_an_offset_of_the_supply_from_the_sensor_s():
+    names = ("input_bias", "sensor_bias", "coulomb_friction", "inertia")
+    for effect in ("input_bias:bias=0.3", "sensor_bias:bias=1"):
+        true = effect.partition(":")[0]
+        found, _ = verdict(effect, names=names)
+        assert true in found.verdict.acting[0]
+        found, _ = verdict(effect, names=names, current=True)
+        assert found.verdict.acting == [[true]]
+
+
 @pytest.mark.slow
 def test_a_law_that_no_candidate_has_is_unknown(foreign):
     found, _ = foreign

@@ -147,6 +147,30 @@ def _dead(p, v, s, odd):
     p["dead"], p["dead_softness"] = v["width"], odd * s["softness"]
 
 
+@electrical(
+    "input_gain",
+    {"factor": ""},
+    (0.0005, 0.4),
+    drawn(sign=EITHER, bend=Signed(0.2, 0.5)),
+    lambda size, s, known: {"factor": 1.0 + s["sign"] * size},
+    family="gain",
+)
+def _input_gain(p, v, s, odd):
+    p["supply_gain"], p["supply_bend"] = v["factor"], odd * s["bend"]
+
+
+@electrical(
+    "input_bias",
+    {"bias": "V"},
+    (0.001, 2.0),
+    drawn(sign=EITHER, fall=Signed(0.2, 0.5)),
+    lambda size, s, known: {"bias": s["sign"] * size},
+    family="offset",
+)
+def _input_bias(p, v, s, odd):
+    p["supply_bias"], p["supply_bias_fall"] = v["bias"], odd * s["fall"]
+
+
 @electrical("input_delay", {"delay": "s"}, (5e-4, 0.3), drawn(actuator=(0.3, 0.7)))
 def _delay(p, v, s, odd):
     p["actuator_time"] = odd * s["actuator"] * v["delay"]
@@ -196,6 +220,7 @@ def _open(p, v, s, odd):
     (0.0005, 0.4),
     drawn(sign=EITHER, bend=Signed(0.2, 0.5)),
     lambda size, s, known: {"factor": 1.0 + s["sign"] * size},
+    family="gain",
 )
 def _gain(p, v, s, odd):
     p["gain"], p["gain_bend"] = v["factor"], odd * s["bend"]
@@ -209,6 +234,7 @@ def _gain(p, v, s, odd):
         sign=EITHER, wave=(0.1, 0.22), rate=lambda random: 2 * math.pi / random.uniform(5.0, 40.0)
     ),
     lambda size, s, known: {"bias": s["sign"] * size},
+    family="offset",
 )
 def _bias(p, v, s, odd):
     p["bias"] = v["bias"]
