@@ -140,11 +140,10 @@ def beyond(
     return {n: d for n, d in far.items() if d > THRESHOLDS.prior_deviations}
 
 
-def close_it(found: Sequence[Refit]) -> bool:
-    """Whether nominal parameters close a gap by themselves: one of which they close next to nothing
-    is none.
-    """
-    return bool(found) and (found[0].closed_fraction or 0.0) > THRESHOLDS.told_of_gap
+def own_part(found: Sequence[Refit]) -> float | None:
+    """The share of a gap that nominal parameters close by themselves; None for next to nothing."""
+    part = (found[0].closed_fraction if found else None) or 0.0
+    return part if part > THRESHOLDS.told_of_gap else None
 
 
 def enough(machine: Machine, found: Sequence[Refit], before: float) -> str:
@@ -153,7 +152,8 @@ def enough(machine: Machine, found: Sequence[Refit], before: float) -> str:
     Args:
         before: the file's error on held-out experiments [rad/s].
     """
-    if not close_it(found):
+    part = own_part(found)
+    if part is None:
         return ""
     what = listed(f"{r.parameter} × {r.factor:.3g}" for r in found)
     left = _left_when_made(machine)
@@ -165,7 +165,7 @@ def enough(machine: Machine, found: Sequence[Refit], before: float) -> str:
     )
     return (
         f"No effect is needed: nominal parameters that were fitted along ({what}) close "
-        f"{found[0].closed_fraction:.0%} of the gap of {before:.3g} rad/s.{since}"
+        f"{part:.0%} of the gap of {before:.3g} rad/s.{since}"
     )
 
 

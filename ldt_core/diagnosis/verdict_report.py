@@ -45,6 +45,7 @@ from ldt_core.diagnosis.nominal import (
     at_the_end,
     beyond,
     enough,
+    own_part,
     refits,
     said,
     with_all,
@@ -156,11 +157,12 @@ class VerdictReport:
         acting = d.acting if self.named else []
         effects = list(dict.fromkeys(n for group in acting for n in group))
         spent = self.search.spent
-        words = sentence(self.machine.name, d.kind, acting, found, gap, where, left, angles, spent)
+        refit = self._refit(whole, before, noise)
+        told = (left, angles, spent, own_part(refit))
+        words = sentence(self.machine.name, d.kind, acting, found, gap, where, *told)
         if self.objection and d.best:
             words = not_standing(d.best.names, gap, where, self.objection)
         words = not_seen(gap, still) if blind else off or words
-        refit = self._refit(whole, before, noise)
         if not blind and (at_the_end(self.alone) if off else strained):
             words = STRAINED
         if d.kind == "none":

@@ -118,6 +118,7 @@ def test_the_short_sentence_names_cause_amount_and_what_it_closes(diagnoses):
     none = diagnoses["none"]
     assert headline(none).startswith("No gap: ")
     closing = Refit("J", 1.1, None, 0.05, 0.97)
+    assert ", nominal parameters close 97 %, and no" in headline(replace(unknown, refit=[closing]))
     assert headline(replace(none, refit=[closing])).startswith("No effect is needed: the file's ")
     told = diagnosis_sections.answer(replace(none, refit=[closing]), Path("diagnosis.json"))
     assert told.mark.word == "no effect needed"

@@ -43,6 +43,15 @@ def test_a_gap_that_is_everywhere_has_no_place_in_the_sentence():
     assert "lies" not in told(GapLocation("speed", 0.0, 40.0, "rad/s", 1.0, 1.0))
 
 
+def test_what_the_best_set_leaves_is_told_of_what_nominal_parameters_leave():
+    """It "left 15 % of the gap" where these had closed 99 % of it."""
+    words = sentence("rig", "unknown", [], {}, GAP, [place(15.0, 31.0, 0.95)], 0.15, own=0.99)
+    assert words.startswith(
+        "Unknown: nominal parameters close 99% of the gap, and none of the known effects explains "
+        "the rest, which lies at speeds from 15 to 31 rad/s. The best set of them leaves 15% of it."
+    )
+
+
 def test_where_an_unbalance_acts_at_steady_speeds_is_said_if_it_is_elsewhere():
     """A quick run shows the gap past the resonances, and the reader wants to know of both."""
     steady = replace(place(16.5, 30.1, 0.5), steady=True)
