@@ -1,6 +1,8 @@
-"""Machines of another engine (scipy's), with files that were calibrated on their noisy records."""
+"""Machines of other engines, with files that were calibrated on their noisy records."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,6 +14,7 @@ from ldt_core.calibration.calibrate import calibrate
 from ldt_core.diagnosis.diagnose import diagnose
 from ldt_core.effects import get_effect
 from tests.motors import motor_file
+from tests.mujoco_causes import CASES, answer, right
 
 # A small brushed motor whose current settles in a sixth of a millisecond.
 TRUE = {"J": 2e-3, "K_t": 0.038, "R": 0.6, "L": 1e-4, "b": 2e-4}
@@ -106,3 +109,12 @@ def test_a_brake_and_a_fan_are_not_one_viscous_friction():
     found = diagnose(machine(TRUE), measured, effects=effects, workers=1)
     assert found.verdict.acting == [["coulomb_friction"], ["quadratic_drag"]]
     assert found.gap.after.rmse < 0.03 * found.gap.before.rmse  # 0.1 of 7.8 rad/s, 1.1 before
+
+
+@pytest.mark.parametrize("name", ["friction", "supply_current", "none"])
+def test_a_motor_by_mujoco_is_diagnosed(name):
+    """All of its cases: `python -m tests.mujoco_causes FOLDER`."""
+    case = replace(CASES[name], samples=200, count=6)
+    effects = [get_effect(n) for n in (*TRIED, "input_gain", "sensor_gain")]
+    verdict = answer(case, effects).verdict
+    assert right(case, verdict.acting, verdict.kind)
