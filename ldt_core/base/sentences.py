@@ -67,8 +67,8 @@ def some(names: Sequence[str], most: int = 20) -> str:
     >>> some(["a", "b", "c", "d"], 2)
     'a, b and 2 more'
     """
-    more = f" and {len(names) - most} more" if len(names) > most else ""
-    return ", ".join(names[:most]) + more
+    more = [f"{len(names) - most} more"] if len(names) > most else []
+    return listed([*names[:most], *more]) if names else ""
 
 
 def spoken(name: str) -> str:

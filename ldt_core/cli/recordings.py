@@ -11,7 +11,7 @@ import numpy as np
 
 from ldt_core.base.errors import ExperimentError, LdtError, RecordingError
 from ldt_core.base.experiment import Experiment
-from ldt_core.base.sentences import counted, listed
+from ldt_core.base.sentences import counted, some
 from ldt_core.cli.terminal import warn
 from ldt_core.machine.experiment_limits import AMPLITUDE_FACTOR, outsized
 from ldt_core.machine.machine_file import Machine
@@ -59,7 +59,7 @@ def read_recordings(
         warn(*bag.notes)
         if again:
             what = counted(len(again), "experiment")
-            few = listed(again[:SHOWN]) + (" and more" if len(again) > SHOWN else "")
+            few = some(again, SHOWN)
             warn(f"{recording}: {what} left out, whose samples came before: {few}")
     return found if machine is not None else _alike(found, recordings[0])
 
@@ -72,11 +72,10 @@ def _alike(found: list[Experiment], recording: str) -> list[Experiment]:
         for place in (places := outsized(sizes)):
             odd.add(place)
         if places:
-            numbers = listed([str(found[place].number) for place in places[:SHOWN]])
-            more = " and more" if len(places) > SHOWN else ""
+            numbers = some([str(found[place].number) for place in places], SHOWN)
             warn(
                 f"{recording}: left out: {counted(len(places), 'experiment')} with more than "
-                f"{AMPLITUDE_FACTOR:g} times the {channel} of the others: {numbers}{more}"
+                f"{AMPLITUDE_FACTOR:g} times the {channel} of the others: {numbers}"
             )
     return [e for place, e in enumerate(found) if place not in odd]
 
@@ -87,7 +86,7 @@ def naming(recordings: Sequence[str]) -> Iterator[None]:
     try:
         yield
     except LdtError as error:
-        few = listed([*recordings[:SHOWN]]) + (" and more" if len(recordings) > SHOWN else "")
+        few = some(recordings, SHOWN)
         if isinstance(error, ExperimentError | RecordingError):
             what = error.where.removeprefix("the recording").lstrip(", ")
             if not what.startswith(tuple(recordings)):

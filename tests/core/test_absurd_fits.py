@@ -157,7 +157,7 @@ def test_an_experiment_that_comes_again_is_counted_once(tmp_path, capsys):
     told = capsys.readouterr()
     assert told.err.splitlines() == [
         f"{again}: 5 experiments left out, whose samples came before: 1 (as experiment 1), "
-        "2 (as experiment 1) and 3 (as experiment 1) and more",
+        "2 (as experiment 1), 3 (as experiment 1) and 2 more",
         f"{bag}: 3 experiments left out, whose samples came before: 1 (as experiment 1), "
         "2 (as experiment 2) and 3 (as experiment 3)",
     ]

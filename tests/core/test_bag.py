@@ -261,9 +261,9 @@ def test_several_machines_need_a_namespace_and_the_error_lists_them(tmp_path):
             status=[],
         )
         bag.write("/diagnostics", health, START)
-    with pytest.raises(RecordingError, match=r"/machine_1, /machine_2"):
+    with pytest.raises(RecordingError, match=r"/machine_1 and /machine_2"):
         read_bag(tmp_path / "run")
-    with pytest.raises(RecordingError, match=r"only /machine_1, /machine_2"):
+    with pytest.raises(RecordingError, match=r"only /machine_1 and /machine_2"):
         read_bag(tmp_path / "run", "machine_3")
     assert numbers(tmp_path / "run", "machine_1") == [1, 3]
     assert numbers(tmp_path / "run", "/machine_2/") == [2]

@@ -23,6 +23,16 @@ def factor(low):
     return values
 
 
+def gain(size, s, known):
+    """A factor as far from 1 as the size, to either side."""
+    return {"factor": 1.0 + s["sign"] * size}
+
+
+def offset(size, s, known):
+    """As much as the size, of either sign."""
+    return {"bias": s["sign"] * size}
+
+
 @electrical(
     "armature_resistance",
     {"factor": ""},
@@ -152,7 +162,7 @@ def _dead(p, v, s, odd):
     {"factor": ""},
     (0.0005, 0.4),
     drawn(sign=EITHER, bend=Signed(0.2, 0.5)),
-    lambda size, s, known: {"factor": 1.0 + s["sign"] * size},
+    gain,
     family="gain",
 )
 def _input_gain(p, v, s, odd):
@@ -164,7 +174,7 @@ def _input_gain(p, v, s, odd):
     {"bias": "V"},
     (0.001, 2.0),
     drawn(sign=EITHER, fall=Signed(0.2, 0.5)),
-    lambda size, s, known: {"bias": s["sign"] * size},
+    offset,
     family="offset",
 )
 def _input_bias(p, v, s, odd):
@@ -219,7 +229,7 @@ def _open(p, v, s, odd):
     {"factor": ""},
     (0.0005, 0.4),
     drawn(sign=EITHER, bend=Signed(0.2, 0.5)),
-    lambda size, s, known: {"factor": 1.0 + s["sign"] * size},
+    gain,
     family="gain",
 )
 def _gain(p, v, s, odd):
@@ -233,7 +243,7 @@ def _gain(p, v, s, odd):
     drawn(
         sign=EITHER, wave=(0.1, 0.22), rate=lambda random: 2 * math.pi / random.uniform(5.0, 40.0)
     ),
-    lambda size, s, known: {"bias": s["sign"] * size},
+    offset,
     family="offset",
 )
 def _bias(p, v, s, odd):
