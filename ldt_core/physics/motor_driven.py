@@ -61,6 +61,9 @@ FINEST = (
 STABLE = 2.8  # rate times step, beyond which a Runge-Kutta step of an effect's own states grows
 #: What a term must not read for its rate to be a decay: a ripple asks for steps that follow it.
 SMOOTH = frozenset({"t", "theta"})
+#: rad that a term's ripple may turn on in a step: its stages are half a step apart, and one with
+#: more than half a period between them may seem quiet.
+RIPPLE = 2 * math.pi
 QUIET_CHANGE = 1e-3  # of stall torque and voltage: a term that changes less needs no short steps
 
 
@@ -258,7 +261,9 @@ class MotorDriven(Physics):
             )
         calm, watched = step, [False] * len(terms)
         if least_step > 0 and terms and (explicit or not fast):  # a search can do with less
-            calm = max(min(max_step, MAX_STEP_RATE / own_rate), least_step)
+            reads = (r for r, (e, _) in zip(asked, terms, strict=True) if SMOOTH & set(e.reads))
+            longest = min([max_step, MAX_STEP_RATE / own_rate, *(RIPPLE / r for r in reads if r)])
+            calm = max(longest, least_step)
             watched = [min(MAX_STEP_RATE / r, calm) < calm if r > 0 else False for r in asked]
         n = len(self.states)
         own = initial[n:]

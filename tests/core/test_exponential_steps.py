@@ -141,3 +141,16 @@ def test_a_search_gives_up_at_once_what_its_steps_cannot_follow():
     about = values, VOLTS, PERIOD, np.zeros(3), [use]
     with pytest.raises(LdtError, match="do not follow"):
         MOTOR.simulate(*about, **SEARCH)
+
+
+def test_a_ripple_that_turns_by_whole_periods_in_a_step_is_no_quiet_one():
+    """Twelve periods a turn at 209 rad/s: each 2.5 ms, the stages of a long step saw the same."""
+    values = dict(load_machine("dc_motor").parameters)
+    values["L"] = values["R"] * 5e-5
+    use = [parse_effect("cogging_torque:torque=0.02,periods=12")]
+    volts = np.repeat(np.linspace(10.6, 11.2, 7), 50)
+    fine, searched = (
+        MOTOR.simulate(values, volts, 0.01, np.zeros(3), use, **how)[:, 1]
+        for how in ({"max_step": 1e-4}, SEARCH)
+    )
+    assert np.abs(searched - fine).max() < 0.02
