@@ -159,9 +159,11 @@ class FreeCurves:
                 return ""
             if not follows(left):
                 continue
-            # Beside the set, a curve is what the set's own law is off by; that may be a little.
-            rest = curve.left(*beside)
-            if not follows(rest) or power - rest > THRESHOLDS.departure_of_law * acts:
+            # Beside the set, a curve is what the set's own law is off by; that may be a little, and
+            # then it takes away most of what the set leaves.
+            gain = power - curve.left(*beside)
+            most = THRESHOLDS.further_effect_of_remainder * (power - noise**2)
+            if not most < gain <= THRESHOLDS.departure_of_law * acts:
                 return f"{told} leaves {left**0.5:.3g}"
         return ""
 

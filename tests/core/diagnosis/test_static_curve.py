@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from recorded_machines import MOTOR, record
 
 from ldt_core.diagnosis.diagnose import diagnose
 from ldt_core.diagnosis.holdout import free_run
-from ldt_core.diagnosis.static_curve import CURVES, StaticCurve
+from ldt_core.diagnosis.static_curve import CURVES, FreeCurves, StaticCurve
 from ldt_core.effects import get_effect
 
 NOISE = 0.5  # rad/s
@@ -64,3 +65,21 @@ def test_a_law_that_is_only_off_keeps_its_name():
     """A voltage that saturates softly: the curve only has its law more exactly."""
     soft = recorded(supply=lambda u: 6.0 * np.tanh(u / 6.0))
     assert verdict(soft, "voltage_saturation", "quadratic_drag").effects == ["voltage_saturation"]
+
+
+@pytest.mark.parametrize(
+    ("beside", "refuted"),
+    [
+        (0.003824, False),  # a winding whose resistance falls with the current, truly
+        (0.0040, True),  # less than half of what the set leaves: the curve is no part of its law
+    ],
+)
+def test_a_law_that_is_off_is_told_by_the_curve_beside_it(monkeypatch, beside, refuted):
+    """By what a set and curves left of a machine with this law [rad^2/s^2]."""
+    held = MACHINES["current"][4:]
+    after = [e.speed - 0.004207**0.5 for e in held]
+    curves = FreeCurves(MOTOR, MACHINES["current"][:4], held, [a - 0.06787**0.5 for a in after])
+    left = {"voltage": [0.06446], "current": [0.003628, beside], "speed": [1.0], "sensor": [1.0]}
+    monkeypatch.setattr(StaticCurve, "left", lambda self, *errors: left[self.of].pop(0))
+    found = curves.instead(SimpleNamespace(use=()), after, 0.00354**0.5)
+    assert bool(found) is refuted
