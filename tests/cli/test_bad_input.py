@@ -204,7 +204,7 @@ ROWS: list[tuple[str, int, list[str]]] = [
             ("zero_period", ["/experiment, message 1", "sample period", "above 0", "0.0"]),
             ("half_number", ["/experiment, message 1", "experiment number", "1.5"]),
             ("stride", ["/experiment, message 1", "layout.dim[0].stride", "7"]),
-            ("two", ["one machine", "--namespace", "/mill, /press"]),
+            ("two", ["one machine", "--namespace", "/mill and /press"]),
         )
     ],
     (f"replay {GOOD} --namespace press --out out", BAD, [GOOD, "/press"]),
