@@ -196,7 +196,7 @@ BACKLASH = Effect(
     search={
         "share": (0.2, 0.6),
         "slack": (0.03, 0.06, 0.12, 0.25, 0.5, 1.0),
-        "stiffness": (3.0,),
+        "stiffness": (3.0, 30.0),
         "damping": (0.1,),
     },
     most_factor=1000.0,
