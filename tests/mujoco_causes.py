@@ -168,14 +168,14 @@ def simulated(case: Case, volts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     spec = mujoco.MjSpec.from_string(xml)
     actuator = spec.add_actuator(name="motor", target="near")
     actuator.trntype = mujoco.mjtTrn.mjTRN_JOINT
-    known = {"motorconst": [TRUE["K_t"]] * 2, "resistance": TRUE["R"], "inductance": [0.0, 0.0]}
-    actuator.set_to_dcmotor(**{**known, **case.motor})
+    motor: dict[str, Any] = {"motorconst": [TRUE["K_t"]] * 2, "resistance": TRUE["R"], **case.motor}
+    actuator.set_to_dcmotor(**motor)
     if case.limit:
         actuator.ctrllimited, actuator.ctrlrange = 1, [-case.limit, case.limit]
     model = spec.compile()
     data, steps = mujoco.MjData(model), round(case.period / case.step)
     supplied = case.supply * np.concatenate([np.zeros(case.delay), volts])[: len(volts)]
-    constant = {**known, **case.motor}["motorconst"][0]
+    constant = motor["motorconst"][0]
     speed, current, shown = np.empty(len(volts)), np.empty(len(volts)), 0.0
     for k, level in enumerate(supplied):
         data.ctrl[0], now = level, data.qvel[0]
@@ -193,7 +193,7 @@ def simulated(case: Case, volts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def recorded(case: Case, healthy: bool, seed: int) -> list[Experiment]:
     """Experiments under random steps, with noise, of the machine before its change or after."""
     random = np.random.default_rng(seed)
-    plain = Case((), pendulum=(1e-6, 0.0), step=case.step, period=case.period)
+    plain = Case((), step=case.step, period=case.period)
     found, hold = [], round(case.hold / case.period)
     for number in range(1, case.count + 1):
         levels = random.uniform(*case.volts, case.samples // hold + 1)
@@ -211,8 +211,9 @@ def answer(case: Case, effects: Sequence[Effect] | None = None) -> Any:
     sheet = {n: v * (1 + SHEET * random.uniform(-1, 1)) for n, v in TRUE.items()}
     given = motor_file(sheet, case.samples, case.period)
     known = calibrate(given, recorded(case, True, 1)).with_recordings(["healthy"]).machine
-    chosen = {} if effects is None else {"effects": effects}
-    return diagnose(known, recorded(case, False, 101), recordings=["shown"], workers=1, **chosen)
+    return diagnose(
+        known, recorded(case, False, 101), recordings=["shown"], effects=effects, workers=1
+    )
 
 
 def right(case: Case, acting: Sequence[Sequence[str]], kind: str) -> bool:

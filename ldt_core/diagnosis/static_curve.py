@@ -148,16 +148,13 @@ class FreeCurves:
         chance = THRESHOLDS.visible_change * noise**2 / sum(map(len, self.held))
         least = max(THRESHOLDS.law_error**2 * acts, chance)
 
-        def follows(left: float) -> bool:
-            gain, rest = power - left, max(left - noise**2, 0.0)
-            return gain > max(least, (THRESHOLDS.behind_reference - 1) * rest)
-
         for of, told in CURVES.items():
             try:
                 curve, left = self._curve(of)
             except LdtError:  # a motor that no linear model samples
                 return ""
-            if not follows(left):
+            rest = max(left - noise**2, 0.0)
+            if power - left <= max(least, (THRESHOLDS.behind_reference - 1) * rest):
                 continue
             # Beside the set, a curve is what the set's own law is off by; that may be a little, and
             # then it takes away most of what the set leaves.

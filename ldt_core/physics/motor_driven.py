@@ -261,8 +261,9 @@ class MotorDriven(Physics):
             )
         calm, watched = step, [False] * len(terms)
         if least_step > 0 and terms and (explicit or not fast):  # a search can do with less
-            reads = (r for r, (e, _) in zip(asked, terms, strict=True) if SMOOTH & set(e.reads))
-            longest = min([max_step, MAX_STEP_RATE / own_rate, *(RIPPLE / r for r in reads if r)])
+            turning = (not SMOOTH.isdisjoint(e.reads) for e, _ in terms)
+            ripples = [r for r, one in zip(asked, turning, strict=True) if one and r > 0]
+            longest = min([max_step, MAX_STEP_RATE / own_rate, *(RIPPLE / r for r in ripples)])
             calm = max(longest, least_step)
             watched = [min(MAX_STEP_RATE / r, calm) < calm if r > 0 else False for r in asked]
         n = len(self.states)

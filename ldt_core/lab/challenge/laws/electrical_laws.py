@@ -23,11 +23,6 @@ def factor(low):
     return values
 
 
-def gain(size, s, known):
-    """A factor as far from 1 as the size, to either side."""
-    return {"factor": 1.0 + s["sign"] * size}
-
-
 def offset(size, s, known):
     """As much as the size, of either sign."""
     return {"bias": s["sign"] * size}
@@ -157,14 +152,16 @@ def _dead(p, v, s, odd):
     p["dead"], p["dead_softness"] = v["width"], odd * s["softness"]
 
 
-@electrical(
-    "input_gain",
+#: A gain, off by more or less at large sizes: units, sizes, draw, values.
+MULTIPLIES = (
     {"factor": ""},
     (0.0005, 0.4),
     drawn(sign=EITHER, bend=Signed(0.2, 0.5)),
-    gain,
-    family="gain",
+    lambda size, s, known: {"factor": 1.0 + s["sign"] * size},
 )
+
+
+@electrical("input_gain", *MULTIPLIES, family="gain")
 def _input_gain(p, v, s, odd):
     p["supply_gain"], p["supply_bend"] = v["factor"], odd * s["bend"]
 
@@ -224,14 +221,7 @@ def _open(p, v, s, odd):
     _put_less_through(p, v, s, odd, "open")
 
 
-@electrical(
-    "sensor_gain",
-    {"factor": ""},
-    (0.0005, 0.4),
-    drawn(sign=EITHER, bend=Signed(0.2, 0.5)),
-    gain,
-    family="gain",
-)
+@electrical("sensor_gain", *MULTIPLIES, family="gain")
 def _gain(p, v, s, odd):
     p["gain"], p["gain_bend"] = v["factor"], odd * s["bend"]
 
