@@ -9,9 +9,6 @@ from ldt_core.base.sentences import listed, spoken
 from ldt_core.effects.change_description import Intervals, apart, change_of, doubt_of
 from ldt_core.physics.effect import Effect
 
-#: Effects that no twin seeks: to a speed, a supply's gain and offset are a sensor's, or a load.
-OF_SUPPLY = frozenset({"input_gain", "input_bias"})
-
 
 @dataclass(frozen=True, eq=False)
 class Causes:

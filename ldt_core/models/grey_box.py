@@ -22,7 +22,7 @@ from ldt_core.estimation.misfit import misfit, noise_in, setting
 from ldt_core.estimation.structure_screening import Present
 from ldt_core.estimation.structure_search import FittedStructure, StructureSearch
 from ldt_core.models.base import Model
-from ldt_core.models.causes import OF_SUPPLY, Causes, intervals_in
+from ldt_core.models.causes import Causes, intervals_in
 from ldt_core.physics.effect import Effect
 
 #: Directions in which the parameters are least known, along which a prediction is spread out.
@@ -286,8 +286,7 @@ class GreyBoxModel(Model):
         """The best that a search finds beside and in place of the present effects, or none."""
         try:
             search = self.search_on(experiments, workers)
-            tried = [e for e in self.machine.possible_effects() if e.name not in OF_SUPPLY]
-            ranked = yield from search.search(self.present, tried)
+            ranked = yield from search.search(self.present, self.machine.possible_effects())
             if not ranked:
                 return []
             near = (s.names[-1] for s in ranked[1:] if s.score - ranked[0].score < ALIKE)

@@ -529,4 +529,6 @@ def test_a_tie_is_told_apart_by_the_first_experiment_that_can(truth):
     assert "not told apart" in told[3][1]
     assert [state for state, _ in told[7:]] == ["holds", "holds"]
     assert isinstance(twin.model, GreyBoxModel)
-    assert [e.name for e in twin.model.effects] == [truth]
+    same = {truth, "input_bias"} if truth == "constant_load" else {truth}  # no speed shows which
+    (named,) = (e.name for e in twin.model.effects)
+    assert named in same
