@@ -23,6 +23,7 @@ GROUNDS = {
     "left": "decimal logarithm of what is left of the gap's power, in the speed",
     "over_noise": "decimal logarithm of the error on held-out experiments over the noise",
     "margin": "decimal logarithm of what the next set leaves over what this one does",
+    "weakest": "decimal logarithm of the gap over what its weakest effect explains beside others",
     "strength": "decimal logarithm of the gap over the noise",
     "prior": "deviations by which the machine file's numbers moved, at most",
     "objected": "1 where a set was found that does not stand by itself",

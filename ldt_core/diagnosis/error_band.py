@@ -9,19 +9,25 @@ somebody has to state.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from scipy.special import betaincinv
 
 from ldt_core.base.arrays import Array
+from ldt_core.base.experiment import rms
 from ldt_core.diagnosis.channel_noise import noise_floor
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
 from ldt_core.diagnosis.thresholds import THRESHOLDS
+from ldt_core.estimation.noise import roughness
 from ldt_core.estimation.smoothing import cosine_taper
 
 TAPER = 0.2  # share of an experiment, both ends together: keeps strong low frequencies from leaking
 MEDIAN_VARIANCE = 2.1  # variance of the median of exponential powers over that of their mean
 DIFFERENCE_VARIANCE = 4.6  # of a power by third differences' median over that of the mean square
+
+#: Deviations by which von Neumann's ratio of white noise may be low: 1 in 740 is lower.
+WHITE = 3.0
 
 
 class ErrorBand:
@@ -134,26 +140,23 @@ class ErrorBand:
 
         It is at most `noise_level_change` times what the measured signals say, and may be far
         less: to them, a ripple of the shaft that is quick against the sample period looks like
-        noise.
-        Where nothing lies above the band, or steps of a sensor repeat, it is what they say.
+        noise. Where steps of a sensor repeat, it is what they say. Where nothing lies above the
+        band, the residual's roughness tells it; all of one that is white is noise, by whatever law.
         """
         power: tuple[list[Array], list[Array]] = ([], [])
-        change = THRESHOLDS.noise_level_change
+        parts: tuple[list[Array], list[Array]] = ([], [])
         for i, channel, rows in self._rows:
             part, seen = rest[rows], self._high[i] > 0
             window = cosine_taper(part.size, TAPER)
             window /= math.sqrt(float(np.mean(window**2)))
             power[channel].append(_periodogram(part * window)[seen])
-        # The median, so that a ripple which sweeps through some of them does not count.
-        found = [np.concatenate(p) if p else np.zeros(0) for p in power]
+            parts[channel].append(part)
         r = self.residuals
         least = noise_floor(r.experiments)  # a smooth error has nothing above the band
         first, second = (
-            max(min(math.sqrt(float(np.median(p)) / math.log(2)), known * change), floor / size)
-            if p.size and white == 1.0
-            else known
-            for p, known, white, floor, size in zip(
-                found, r.level, r.whiteness, least, r.noise, strict=True
+            max(_noise_of(p, high, known), floor / size) if p and white == 1.0 else known
+            for p, high, known, white, floor, size in zip(
+                parts, power, r.level, r.whiteness, least, r.noise, strict=True
             )
         )
         return first, second
@@ -176,6 +179,16 @@ class ErrorBand:
         # The ratio of such powers that is exceeded by this chance (Fisher's distribution).
         part = float(betaincinv(above / 2, free / 2, chance))
         return noise * (above * (1 - part) / (free * part) - 1)
+
+
+def _noise_of(parts: Sequence[Array], above: Sequence[Array], known: float) -> float:
+    """Deviation of the noise in a channel's residuals, from their powers above the band if any."""
+    seen, most = np.concatenate(above), THRESHOLDS.noise_level_change * known
+    if seen.size:  # the median, so that a ripple which sweeps through some of them does not count
+        return min(math.sqrt(float(np.median(seen)) / math.log(2)), most)
+    whole, rough = rms(np.concatenate(parts)), rms(np.array([roughness(p) for p in parts]))
+    chance = WHITE / math.sqrt(sum(p.size for p in parts))
+    return rough if rough**2 >= (1 - chance) * whole**2 else min(rough, most)
 
 
 def _periodogram(part: Array) -> Array:

@@ -99,7 +99,8 @@ def is_gap(found: FittedSets, seed: int) -> bool:
     values, vectors = np.linalg.eigh(d.cosine)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     drawn = np.max(root @ random.standard_normal((values.size, NOISE_DRAWS)), axis=0)
-    return bool(score > np.quantile(drawn, 1 - THRESHOLDS.gap_false_alarm))
+    level = math.sqrt(found.band.noise / sum(found.band.free))  # of the noise, over what is assumed
+    return bool(score > max(level, 1.0) * np.quantile(drawn, 1 - THRESHOLDS.gap_false_alarm))
 
 
 def _trifle(residuals: FreeRunResiduals) -> float:
@@ -219,10 +220,14 @@ def _grounds(
     noise, samples = band.speed_limit(THRESHOLDS.remainder_false_alarm), band.samples
     least = max(band.speed_excess(best.residual), 0.0) + noise
     next_one = min((max(band.speed_excess(f.residual), 0.0) for f in rivals), default=gap) + noise
+    others = ([n for n in best.names if n != name] for name in best.names if len(best.names) > 1)
+    parts = (search.subset(best, names).residual for names in others)
+    weakest = min((band.speed_gain(part, best.residual) for part in parts), default=gap)
     return {
         "agreement": math.log(same / (1 - same)),
         "left": decades(max(left, 0.0) + noise, max(gap, 0.0) + noise),
         "margin": decades(next_one, least),
+        "weakest": decades(gap, weakest),
         "strength": decades(gap, samples) / 2,
         "prior": float(np.abs(best.z[-1]).max()) if best.own else 0.0,
         "spent": float(search.spent),
