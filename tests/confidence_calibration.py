@@ -28,12 +28,12 @@ from ldt_core.diagnosis.confidence import GROUNDS, LEAST, MOST, TABLE, probabili
 from tests.challenge_table import BINS
 
 KEPT = Path(__file__).parents[1] / "bags" / "confidence_cases.json"
-#: Grounds of each kind of verdict; `none` has no search behind it that could speak for it. Of all
-#: sets of up to three, these foretell the cases that are left out of a fit best; and a search that
-#: ended early has not shown that no known effect explains a gap.
+#: Grounds of each kind of verdict; `none` has no search behind it that could speak for it. Of the
+#: sets tried, these foretell the cases that are left out of a fit best; and a search that ended
+#: early has not shown that no other effect explains a gap.
 TAKEN = {
-    "named": ("effects", "margin"),
-    "unknown": ("agreement", "over_noise", "strength", "spent"),
+    "named": ("margin", "weakest", "left", "spent"),
+    "unknown": ("left", "over_noise", "strength", "spent"),
     "none": (),
 }
 RIDGE = 1.0  # of squared slopes, of grounds in their own deviations: a case's worth of doubt

@@ -96,7 +96,7 @@ def test_a_search_ends_at_its_limit_of_work_and_answers(monkeypatch):
 
 def test_an_unknown_whose_search_ended_early_is_doubted_and_says_so():
     """A pair that was not tried explained what "none of the known effects" did, at 0.94."""
-    grounds = {"agreement": 3.0, "over_noise": 1.0, "strength": 1.5}
+    grounds = {"left": -0.4, "over_noise": 1.8, "strength": 1.3}  # of such a case
     assert confidence("unknown", {**grounds, "spent": 1.0}) < confidence("unknown", grounds) - 0.1
     errors = HeldOutErrors(1.0, 2.0)
     gap = Gap(0.1, errors, errors, None, None, [])
@@ -106,3 +106,10 @@ def test_an_unknown_whose_search_ended_early_is_doubted_and_says_so():
     assert "before the limit of work" in early
     assert "none of the known" not in early
     assert "none of the known effects explains the gap." in whole
+
+
+def test_an_effect_that_hardly_adds_is_named_with_less_assurance():
+    """0.4 % of a resistance, which made up for another engine's steps, was named at 0.95."""
+    grounds = {"margin": 3.0, "left": -3.0}
+    sure, less = (confidence("effect", {**grounds, "weakest": w}) for w in (0.5, 2.5))
+    assert less < sure - 0.1
