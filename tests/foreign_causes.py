@@ -184,7 +184,8 @@ def main(folder: str, *names: str) -> None:
             found = answer(name, *setting)
             case, verdict = f"{name}_{number}", found.verdict
             also = ALSO_RIGHT.get(name, set())
-            right = verdict.kind == "unknown" or all(also & set(g) for g in verdict.acting)
+            named = bool(verdict.acting) and all(also & set(g) for g in verdict.acting)
+            right = verdict.kind == "unknown" or named
             place = Path(folder) / case
             place.mkdir(parents=True, exist_ok=True)
             (place / "diagnosis.json").write_text(json.dumps(found.as_dict()), encoding="utf-8")

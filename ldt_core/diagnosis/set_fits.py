@@ -313,3 +313,7 @@ class SetFits:
             chosen = [i for i, m in enumerate(base.effects) if m.name in wanted]
             self._scout([TriedSet([base.members[i] for i in chosen], [base.z[i] for i in chosen])])
         return self.finish(self.found.scouted[wanted])
+
+    def part_without(self, base: EffectFit, name: str) -> EffectFit:
+        """The part of a set that lacks one of its effects."""
+        return self.subset(base, [n for n in base.names if n != name])

@@ -194,14 +194,14 @@ def _without_the_vague(
         return None
     limit = band.speed_limit(THRESHOLDS.remainder_false_alarm)
     for name in vague(best, band.speed_excess(best.residual), gap):
-        part = search.subset(best, [n for n in best.names if n != name])
+        part = search.part_without(best, name)
         if search.found.left(part) <= limit:
             return part
     family = {c.name: c.effect.family or c.name for f in alike for c in f.effects}
     for group in _groups(best, alike):
         if len({family[name] for name in group}) < 2:
             continue
-        part = search.subset(best, [n for n in best.names if n != group[0]])
+        part = search.part_without(best, group[0])
         if not worth_more(search.found, part, best, gap, departing=True):
             return part
     return None
@@ -220,9 +220,8 @@ def _grounds(
     noise, samples = band.speed_limit(THRESHOLDS.remainder_false_alarm), band.samples
     least = max(band.speed_excess(best.residual), 0.0) + noise
     next_one = min((max(band.speed_excess(f.residual), 0.0) for f in rivals), default=gap) + noise
-    others = ([n for n in best.names if n != name] for name in best.names if len(best.names) > 1)
-    parts = (search.subset(best, names).residual for names in others)
-    weakest = min((band.speed_gain(part, best.residual) for part in parts), default=gap)
+    parts = (search.part_without(best, name) for name in best.names if len(best.names) > 1)
+    weakest = min((band.speed_gain(p.residual, best.residual) for p in parts), default=gap)
     return {
         "agreement": math.log(same / (1 - same)),
         "left": decades(max(left, 0.0) + noise, max(gap, 0.0) + noise),
@@ -319,8 +318,7 @@ def _largest_worth_its_parts(
     as good as all of it shows that a member only mends another law.
     """
     for tried in reversed(chosen[1:]):
-        others = ([n for n in tried.names if n != name] for name in tried.names)
-        parts = (search.subset(tried, names) for names in others)
+        parts = (search.part_without(tried, name) for name in tried.names)
         if all(worth_more(search.found, part, tried, gap) for part in parts):
             return tried
     return chosen[0]

@@ -12,8 +12,8 @@ from ldt_core.diagnosis.diagnose import diagnose
 from ldt_core.effects import get_effect
 from tests.motors import motor_file
 
-FAST = motor_file({"J": 2e-5, "K_t": 0.05, "R": 0.8, "L": 1e-4, "b": 1e-5}, 500, 0.01)  # 7 ms
-FREEDOM = 3  # degrees of Student's law: its deviation is 1.7 times what its median tells
+FAST = motor_file({"J": 2e-5, "K_t": 0.05, "R": 0.8, "L": 1e-4, "b": 1e-5}, 500, 0.01)  # 6 ms
+FREEDOM = 3  # degrees of Student's law: its deviation is 1.5 times what its median tells
 TRIED = [get_effect(n) for n in ("coulomb_friction", "viscous_friction", "sensor_lag", "inertia")]
 
 
