@@ -128,22 +128,31 @@ def _slopes(y, t, v, z, d, c, terms, scale, g):  # pragma: no cover - compiled
 
 
 @njit(nogil=True)
-def _solve(m, r):  # pragma: no cover - compiled
-    """Solve m r' = r for (4, 4) m, which is overwritten, into r."""
+def _factor(m, order):  # pragma: no cover - compiled
+    """Replace m (4, 4) by its triangular factors, with pivots; `order` (4,) takes the rows'."""
     for i in range(4):
         best = i
         for j in range(i + 1, 4):
             if abs(m[j, i]) > abs(m[best, i]):
                 best = j
+        order[i] = best
         if best != i:
             for k in range(4):
                 m[i, k], m[best, k] = m[best, k], m[i, k]
-            r[i], r[best] = r[best], r[i]
         for j in range(i + 1, 4):
-            f = m[j, i] / m[i, i]
-            for k in range(i, 4):
-                m[j, k] -= f * m[i, k]
-            r[j] -= f * r[i]
+            m[j, i] /= m[i, i]
+            for k in range(i + 1, 4):
+                m[j, k] -= m[j, i] * m[i, k]
+
+
+@njit(nogil=True)
+def _solve(m, order, r):  # pragma: no cover - compiled
+    """Solve m r' = r, of `_factor`, into r."""
+    for i in range(4):
+        r[i], r[order[i]] = r[order[i]], r[i]
+    for i in range(1, 4):
+        for k in range(i):
+            r[i] -= m[i, k] * r[k]
     for i in range(3, -1, -1):
         for k in range(i + 1, 4):
             r[i] -= m[i, k] * r[k]
@@ -192,7 +201,8 @@ def collocate(
     largest = np.abs(z)
     halvings = table.third.shape[1] - 1
     units = 1 << halvings
-    known = False
+    known, factored = False, -1
+    order = np.zeros(4, np.int64)
     for k in range(volts.size):
         v = volts[k]
         length = (edges[k + 1] - edges[k]) / steps[k]
@@ -248,7 +258,9 @@ def collocate(
                     _slopes(y1, t + h / 3, v, z1, d0, c, terms, (fast, much), g1)
                     _slopes(y2, t + h, v, z2, d0, c, terms, (fast, much), g2)
                     known = True
-                if terms is not None:
+                    factored = -1
+                if terms is not None and factored != i * (halvings + 1) + level:
+                    factored = i * (halvings + 1) + level
                     for p in range(2):
                         for q in range(2):
                             one = 1.0 if p == q else 0.0
@@ -256,7 +268,9 @@ def collocate(
                             m[p, 2 + q] = -w12[p, 0] * g2[0, q] - w12[p, 1] * g2[1, q]
                             m[2 + p, q] = -w21[p, 0] * g1[0, q] - w21[p, 1] * g1[1, q]
                             m[2 + p, 2 + q] = one - w22[p, 0] * g2[0, q] - w22[p, 1] * g2[1, q]
-                    _solve(m, r)
+                    _factor(m, order)
+                if terms is not None:
+                    _solve(m, order, r)
                 for j in range(4):
                     x0[j], dx[j] = x[j], r[j]
                     x[j] += r[j]
