@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ldt_core.base.arrays import Array
 from ldt_core.diagnosis.candidate import START_SHAPES, Candidate
@@ -15,7 +16,7 @@ from ldt_core.diagnosis.effect_fit import START_STATE_GAIN, START_STATE_ROUNDS, 
 from ldt_core.diagnosis.model_selection import FittedSets
 from ldt_core.diagnosis.responses import Responses, best_alone, rank_pairs, simulate_all
 from ldt_core.diagnosis.ripple_orders import begun_at
-from ldt_core.diagnosis.scouting import of_each_kind
+from ldt_core.diagnosis.scouting import looked_at, of_each_kind
 from ldt_core.diagnosis.set_fits import COMPARED, FAR_OFF, HIDDEN, SetFits, TriedSet
 from ldt_core.diagnosis.thresholds import THRESHOLDS
 
@@ -57,16 +58,16 @@ class EffectSetSearch(SetFits):
 
     def _hidden(self, best: EffectFit) -> bool:
         """Whether a set leaves much in an experiment, and far less in all those looked at."""
-        band, seen = self.found.band, {p.experiment.number for p in self.scout.pieces}
+        band, seen = self.found.band, looked_at(self.residuals, self.looked)
         left, gap = (band.speed_excess(r) for r in (best.residual, self.found.base))
         if left <= THRESHOLDS.further_effect_of_gap * gap:
             return False
-        rows = [(p.experiment.number in seen, best.residual[p.rows]) for p in self.residuals.pieces]
-        inside, outside = (
-            max((float(np.mean(r**2)) for known, r in rows if known is looked), default=0.0)
-            for looked in (True, False)
-        )
-        return outside > HIDDEN * inside
+
+        def largest(rows: NDArray[np.bool_]) -> float:
+            parts = (best.residual[p.rows][rows[p.rows]] for p in self.residuals.pieces)
+            return max((float(np.mean(part**2)) for part in parts if part.size), default=0.0)
+
+        return largest(~seen) > HIDDEN * largest(seen)
 
     def _grow(self) -> FittedSets:
         """Fit sets of one effect, then larger ones as long as more is left than noise.

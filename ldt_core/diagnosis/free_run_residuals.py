@@ -15,6 +15,7 @@ from __future__ import annotations
 import contextlib
 import copy
 import functools
+import itertools
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
@@ -31,6 +32,7 @@ from ldt_core.diagnosis.simulated_experiments import (
     Simulated,
     StartStates,
     Use,
+    corrections,
     motor_columns,
     states_of,
 )
@@ -41,8 +43,7 @@ from ldt_core.estimation.variable_projection import basis_of, project_out
 from ldt_core.machine.machine_file import Machine
 from ldt_core.physics.base import ANGLE, CURRENT, MAX_STEP, NOT_TRACKED, SPEED, FreeRun, Work
 from ldt_core.physics.effect import Effect
-from ldt_core.physics.integrate import MAX_STEP_RATE, propagate
-from ldt_core.physics.motor import MOTOR
+from ldt_core.physics.integrate import MAX_STEP_RATE
 from ldt_core.physics.motor_driven import USUAL_ROUNDS
 from ldt_core.physics.motor_rates import memory, motor_rate
 from ldt_core.physics.parameter import Values
@@ -52,6 +53,7 @@ ANGLE_SHOWS = 1e-3  # noise deviations by which an effect that depends on the an
 TERMINAL_PRICE = 4  # of a torque's steps that one of a voltage at the terminals takes: 34 and 8 ns
 CHANNELS = ("speed", "current")
 SHORTEST_STEP = 0.5e-3  # s, of the integration, whatever a fit tries: bounds the time it takes
+SAMPLES_AT_ONCE = 1_000_000  # of runs side by side, about: bounds the memory, 16 bytes for each
 STATES_SEEN = 64  # samples of a run at which the states of effects are looked at, about
 
 
@@ -187,10 +189,13 @@ class FreeRunResiduals:
         if self.shaking:
             self.starts = searched_start_states(self, (), True, True, True, SEARCH_STEP)
 
-    def part(self, numbers: Sequence[int], workers: int | None = None) -> FreeRunResiduals:
+    def part(self, numbers: Sequence[int]) -> FreeRunResiduals:
         """The residuals with some of the experiments only, by their place in the list."""
-        chosen = [self.experiments[i] for i in numbers]
-        part = FreeRunResiduals(self.machine, chosen, self.noise, workers or self.workers)
+        return self.of_only([self.experiments[i] for i in numbers], self.workers)
+
+    def of_only(self, experiments: Sequence[Experiment], workers: int) -> FreeRunResiduals:
+        """The residuals of some of the experiments, or of parts of them."""
+        part = FreeRunResiduals(self.machine, experiments, self.noise, workers)
         part.level, part.whiteness = self.level, self.whiteness
         self.work.add(part.work.steps)
         part.work = self.work
@@ -205,23 +210,21 @@ class FreeRunResiduals:
             step: longest integration step [s].
             starts: as `start_states` found them for such effects; None takes `self.starts`.
         """
-        return self.of_all([use], step, starts)[0]
+        return next(self.of_all([use], step, starts))
 
     def of_all(
         self, uses: Sequence[Use], step: float = SEARCH_STEP, starts: StartStates | None = None
-    ) -> list[Array]:
+    ) -> Iterator[Array]:
         """The same with each of these sets of effects, several simulations at once."""
-        begun, count = self.starts if starts is None else starts, len(self.pieces)
-        runs = [
-            Simulated(i, use, float(begun.angles[i]), begun.offsets[i])
-            for use in uses
-            for i in range(count)
-        ]
-        rows = [np.empty(self.size) for _ in uses]
-        for k, rest in enumerate(self.differences(runs, step)):
-            at = k % count
-            rows[k // count][self.pieces[at].rows] = project_out(rest, begun.bases[at])
-        return rows
+        begun = self.starts if starts is None else starts
+        angles, asked = begun.angles.tolist(), itertools.product(uses, range(len(self.pieces)))
+        runs = [Simulated(i, use, angles[i], begun.offsets[i]) for use, i in asked]
+        left = self.differences(runs, step)
+        for _ in uses:
+            row = np.empty(self.size)
+            for piece, basis in zip(self.pieces, begun.bases, strict=True):
+                row[piece.rows] = project_out(next(left), basis)
+            yield row
 
     def start_states(
         self,
@@ -246,7 +249,9 @@ class FreeRunResiduals:
     def differences(self, runs: Sequence[Simulated], step: float) -> Iterator[Array]:
         """(rows,) measured minus simulated of each, in noise deviations."""
         limit = DIVERGED_SPEED / self.noise[0]
-        for run, (speed, current) in zip(runs, self.simulated(runs, step), strict=True):
+        some = max(1, SAMPLES_AT_ONCE // max(len(e) for e in self.experiments))
+        parts = (self.simulated(runs[i : i + some], step) for i in range(0, len(runs), some))
+        for run, (speed, current) in zip(runs, itertools.chain.from_iterable(parts), strict=True):
             e = self.experiments[run.place]
             rest = (e.speed - speed) / self.noise[0]
             if e.current is not None:
@@ -322,7 +327,7 @@ class FreeRunResiduals:
                 continue
             with contextlib.suppress(LdtError):
                 if run.tracked[1] > 0:
-                    states[:, : CURRENT + 1] -= self._corrections(values, run, states)
+                    states[:, : CURRENT + 1] -= corrections(self.physics, values, run, states)
                 speed = self.physics.measure(states, run.period, run.effects)
                 found[place] = speed, states[:, CURRENT].copy()
         return found
@@ -389,12 +394,3 @@ class FreeRunResiduals:
         asked = [Simulated(0, use, angle, follow=False) for angle in (0.0, 1.0)]
         (one, _), (other, _) = self.simulated(asked, SEARCH_STEP)
         return float(np.max(np.abs(one - other)))
-
-    def _corrections(self, values: Values, run: FreeRun, states: Array) -> Array:
-        """(L, 3) what the observer has added to angle, speed and current so far."""
-        seen, gain = run.tracked
-        ad, _ = MOTOR.discretised(self.physics.folded(values), run.period)
-        pushed = gain * (seen - states[:, SPEED])
-        moved = propagate(ad, np.ascontiguousarray(ad[:, SPEED]), pushed, np.zeros(3), *NOT_TRACKED)
-        moved[:, ANGLE] = 0.0
-        return moved

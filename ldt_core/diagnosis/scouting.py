@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ldt_core.base.arrays import Array
 from ldt_core.diagnosis.effect_fit import EffectFit, used
@@ -17,8 +19,18 @@ from ldt_core.diagnosis.simulated_experiments import Used
 # 92 sealed cases three had another member in a group, and none another outcome.
 SCOUT_SAMPLES = 4_000
 SCOUT_EXPERIMENTS = 8  # at most: enough to show every part of a recording
+LONGEST_SCOUTED = 16_000  # samples of an experiment that the scout takes whole
+SCOUT_STRETCHES = 4  # of so many samples together, where experiments are longer
 WILD = 10.0  # times the loss without effects: a fit that begins with more may never find back
 WEAKENINGS = 6  # halvings of a wild set's effects, down to a 64th
+
+
+class Stretch(NamedTuple):
+    """Samples from `begin` up to `stop` of the experiment at a place in the list."""
+
+    place: int
+    begin: int
+    stop: int
 
 
 def of_each_kind(
@@ -73,19 +85,41 @@ def empty(residuals: FreeRunResiduals) -> EffectFit:
     return EffectFit((), (), rest, np.zeros((rest.size, 0)), float(rest @ rest))
 
 
-def scouted(residuals: FreeRunResiduals, rest: Array) -> list[int]:
-    """Places of the experiments that the scout works on: from the largest gap to the smallest.
+def scouted(residuals: FreeRunResiduals, rest: Array) -> list[Stretch]:
+    """What the scout works on: experiments from the largest gap to the smallest.
 
-    An effect may act in one experiment only, such as a limit that only one of them reaches.
+    An effect may act in one experiment only, such as a limit that only one of them reaches. Those
+    that are too long are taken as stretches.
 
     Args:
         rest: (size,) what is to be explained.
     """
-    sizes = [p.rows.stop - p.rows.start for p in residuals.pieces]
-    count = min(SCOUT_EXPERIMENTS, math.ceil(SCOUT_SAMPLES / max(np.mean(sizes), 1)))
-    order = np.argsort([-np.mean(rest[p.rows] ** 2) for p in residuals.pieces], kind="stable")
-    chosen = np.linspace(0, len(sizes) - 1, min(count, len(sizes)))
-    return sorted({int(order[round(i)]) for i in chosen})
+    found = [s for i, e in enumerate(residuals.experiments) for s in _stretches(i, len(e))]
+    size = np.mean([s.stop - s.begin for s in found])
+    few = len(found) == len(residuals.experiments)
+    count = min(SCOUT_EXPERIMENTS, math.ceil(SCOUT_SAMPLES / size)) if few else SCOUT_STRETCHES
+    order = np.argsort(
+        [-np.mean(rest[looked_at(residuals, [s])] ** 2) for s in found], kind="stable"
+    )
+    chosen = np.linspace(0, len(found) - 1, min(count, len(found)))
+    return [found[k] for k in sorted({int(order[round(i)]) for i in chosen})]
+
+
+def _stretches(place: int, length: int) -> list[Stretch]:
+    if length <= LONGEST_SCOUTED:
+        return [Stretch(place, 0, length)]
+    each = LONGEST_SCOUTED // SCOUT_STRETCHES
+    return [Stretch(place, k, k + each) for k in range(0, length - each + 1, each)]
+
+
+def looked_at(residuals: FreeRunResiduals, stretches: Sequence[Stretch]) -> NDArray[np.bool_]:
+    """(size,) which residuals are of these stretches."""
+    found = np.zeros(residuals.size, dtype=np.bool_)
+    for s in stretches:
+        piece = residuals.pieces[s.place]
+        for begin in range(piece.rows.start, piece.rows.stop, len(piece.experiment)):
+            found[begin + s.begin : begin + s.stop] = True
+    return found
 
 
 def bearable(residuals: FreeRunResiduals, scouted: EffectFit, base: Array) -> list[Array]:

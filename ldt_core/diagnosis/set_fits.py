@@ -81,7 +81,9 @@ class SetFits:
         """Begin, with the scout's experiments chosen by these (size,) residuals."""
         residuals, tick = self.residuals, self.tick
         # Its fits run side by side: over so few experiments each of them could not be spread well.
-        self.scout = residuals.part(scouted(residuals, rest), workers=1)
+        self.looked = scouted(residuals, rest)
+        parts = [residuals.experiments[i].part(begin, stop) for i, begin, stop in self.looked]
+        self.scout = residuals.of_only(parts, workers=1)
         self._told = self._told_beside()
         own = self.own(())
         zeros = [np.zeros(len(c)) for c in own]

@@ -10,7 +10,7 @@ import numpy as np
 
 from ldt_core.base.arrays import Array
 from ldt_core.base.experiment import Experiment
-from ldt_core.physics.base import CURRENT, NOT_TRACKED, SPEED, Physics
+from ldt_core.physics.base import ANGLE, CURRENT, NOT_TRACKED, SPEED, FreeRun, Physics
 from ldt_core.physics.effect import Effect
 from ldt_core.physics.integrate import propagate
 from ldt_core.physics.motor import MOTOR
@@ -97,6 +97,16 @@ def motor_columns(
         if e.current is not None:
             column[len(e) :] = moved[:, CURRENT] / noise[1]
     return columns
+
+
+def corrections(physics: Physics, values: Values, run: FreeRun, states: Array) -> Array:
+    """(L, 3) what the observer has added to angle, speed and current so far."""
+    seen, gain = run.tracked
+    ad, _ = MOTOR.discretised(physics.folded(values), run.period)
+    pushed = gain * (seen - states[:, SPEED])
+    moved = propagate(ad, np.ascontiguousarray(ad[:, SPEED]), pushed, np.zeros(3), *NOT_TRACKED)
+    moved[:, ANGLE] = 0.0
+    return moved
 
 
 class SimulatedExperiments(Protocol):

@@ -11,7 +11,14 @@ from recorded_machines import MOTOR, candidates, record
 from ldt_core.diagnosis.effect_fit import EffectFit, fit
 from ldt_core.diagnosis.effect_set_search import EffectSetSearch
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
-from ldt_core.diagnosis.scouting import bearable, empty, scouted
+from ldt_core.diagnosis.scouting import (
+    LONGEST_SCOUTED,
+    SCOUT_STRETCHES,
+    bearable,
+    empty,
+    looked_at,
+    scouted,
+)
 from ldt_core.diagnosis.set_fits import TriedSet
 
 LIMIT = "voltage_saturation:limit=9"
@@ -29,9 +36,36 @@ def one_reaches_it():
 
 def test_the_experiment_with_the_largest_gap_is_always_looked_at(one_reaches_it):
     """An effect that acts in one experiment alone would not be found without it."""
-    seen = scouted(one_reaches_it, one_reaches_it.of())
+    seen = [s.place for s in scouted(one_reaches_it, one_reaches_it.of())]
     assert LOUD in seen
     assert 2 <= len(seen) < 6
+
+
+def test_of_long_experiments_stretches_are_looked_at():
+    """Only so much of them, or time and memory grow; where the gap is largest is among it."""
+    random, length, moment = np.random.default_rng(4), 3 * LONGEST_SCOUTED, 30_000
+    levels = [np.repeat(random.uniform(-8, 8, length // 100), 100) for _ in range(2)]
+    levels[1][moment : moment + 100] = 12.0
+    given = record(MOTOR, LIMIT, count=2, samples=length, levels=levels)
+    whole = FreeRunResiduals(MOTOR, given)
+    seen = scouted(whole, whole.of())
+    assert len(seen) == SCOUT_STRETCHES
+    assert sum(s.stop - s.begin for s in seen) == LONGEST_SCOUTED
+    assert np.count_nonzero(looked_at(whole, seen)) == LONGEST_SCOUTED
+    assert any(s.place == 1 and s.begin <= moment < s.stop for s in seen)
+    found = EffectSetSearch(whole, candidates(MOTOR, ["voltage_saturation", "viscous_friction"]))
+    assert sum(map(len, found.scout.experiments)) == LONGEST_SCOUTED
+    assert found.run().of_size(1)[0].names == ("voltage_saturation",)
+
+
+def test_residuals_do_not_depend_on_how_many_runs_are_side_by_side(one_reaches_it, monkeypatch):
+    """However little memory there is for them."""
+    (limit,) = candidates(MOTOR, ["voltage_saturation"])
+    uses = [[], [(limit.effect, limit.typical)], [(limit.effect, {"limit": 3.0})]]
+    together = list(one_reaches_it.of_all(uses))
+    monkeypatch.setattr("ldt_core.diagnosis.free_run_residuals.SAMPLES_AT_ONCE", 1)
+    np.testing.assert_array_equal(list(one_reaches_it.of_all(uses)), together)
+    np.testing.assert_array_equal(one_reaches_it.of(uses[2]), together[2])
 
 
 def test_what_runs_away_elsewhere_begins_weaker(one_reaches_it):
