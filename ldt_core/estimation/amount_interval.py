@@ -10,6 +10,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ldt_core.base.arrays import Array
 from ldt_core.base.experiment import rms
@@ -39,6 +40,17 @@ def shown_variance(left: float, gap: float) -> float:
     return 1 + SHOWN * (law_variance(left, gap) - 1)
 
 
+def determined(spread: Array, amount: Array) -> NDArray[np.bool_]:
+    """(n,) whether coordinates of such standard deviations are known well enough to be told.
+
+    Args:
+        spread: (n,) standard deviations.
+        amount: (n,) coordinates of amounts, and 0 of others: one far from none is known, however
+            wide its interval.
+    """
+    return (spread < UNDETERMINED) | (DEVIATIONS * spread < np.abs(amount))
+
+
 def intervals_of(found: FittedStructure, told: Array) -> dict[str, dict[str, list[float] | None]]:
     """Effect to parameter to the ends of its 95 % interval; None where nothing determines it.
 
@@ -61,13 +73,14 @@ def intervals_of(found: FittedStructure, told: Array) -> dict[str, dict[str, lis
     information = told / shown_variance(left, gap) + prior
     variance = np.diag(_inverse(information))
     spread = np.sqrt(np.where(variance > 0, variance, np.inf))  # below 0 by rounding
-    known = spread < UNDETERMINED
-    known[much] |= DEVIATIONS * spread[much] < np.abs(fit.q[much])  # far from none, it is known
+    amount = np.zeros(box.size)
+    amount[much] = fit.q[much]
+    known = determined(spread, amount)
     half = DEVIATIONS * np.where(known, spread, 0.0)
     ends = [box.values(fit.q + side * half)[1] for side in (-1, 1)]
-    determined = iter(known[k:].tolist())
+    told_of = iter(known[k:].tolist())
     return {
-        e.name: {n: [low[n], high[n]] if next(determined) else None for n in low}
+        e.name: {n: [low[n], high[n]] if next(told_of) else None for n in low}
         for (e, low), (_, high) in zip(*ends, strict=True)
     }
 

@@ -257,3 +257,13 @@ def test_a_set_that_leaves_what_the_current_shows_is_no_cause(supplied, shown, n
     assert (found.verdict.kind, found.effects) == ("unknown", [])
     assert "leaves most of what the current shows" in found.verdict.sentence
     assert "need not have changed" not in found.verdict.sentence
+
+
+def test_an_amount_far_from_none_is_told_however_wide_its_interval():
+    """A drag that closed 117 rad/s to the noise was "near 0.0002, but not determined"."""
+    made = record(MOTOR, "quadratic_drag:c=2e-4", count=4)
+    effects = [get_effect(n) for n in ("quadratic_drag", "viscous_friction", "inertia")]
+    found = diagnose(MOTOR, made, effects=effects, workers=1)
+    told = {c.effect: c.parameters for c in found.candidates}["quadratic_drag"]["c"]
+    assert told.ci95 is not None
+    assert 0 < told.ci95[0] < 2e-4 < told.ci95[1]
