@@ -2,8 +2,9 @@
 
 - A code block of another language than bash whose first line is a comment with a file name, as
   `# mine.py`, becomes that file.
-- A bash block is run in the same folder; it must end without an error. One of plain `ldt` commands
-  is run in this process, which saves each of them the seconds of its start.
+- A bash block is run in the same folder; it must end without an error. One of plain `ldt` commands,
+  or of programs of the page without nodes, is run in this process: that saves each of them the
+  seconds of its start.
 - A text block behind one is what it prints, line by line; `...` stands for anything.
 - `ldt demo`, with which some pages begin, is run once and its folder copied after that.
 - `<!-- not run: REASON -->` before a block leaves it out; the reason is kept.
@@ -17,10 +18,12 @@ import functools
 import io
 import os
 import re
+import runpy
 import shlex
 import shutil
 import sys
 import tempfile
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -31,6 +34,7 @@ from ldt_core.cli import invoke, ldt
 BLOCK = re.compile(r"(?:<!-- not run: ([^>]*?) -->\n+)?^```(\w+)\n(.*?)^```$", re.S | re.M)
 FILE = re.compile(r"(?:#|<!--|//) ([\w.@/-]+\.\w+)(?: -->)?$", re.M)
 PLAIN = re.compile(r"(?:ldt (?!up )[^|&;<>$`*#\\\n]*\n)+")  # no shell needed, no nodes started
+PROGRAM = re.compile(r"python (\w+\.py)\n")
 PATIENCE = 900.0  # s; a stalled machine is not what is tested
 
 
@@ -80,6 +84,9 @@ def _run(block: str, folder: Path, programs: Programs) -> str:
     """Everything that the commands print."""
     if PLAIN.fullmatch(block):
         return "".join(_call(line, folder) for line in block.splitlines())
+    program = PROGRAM.fullmatch(block)
+    if program and "ldt_ros" not in (folder / program[1]).read_text():
+        return _printed_in(folder, functools.partial(runpy.run_path, program[1], None, "__main__"))
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     environment = {**os.environ, "PATH": path, "COLUMNS": "200"}
     command = ["bash", "-euo", "pipefail", "-c", block]
@@ -106,14 +113,23 @@ def _demo() -> tuple[Path, str]:
 
 
 def _invoke(line: str, folder: Path) -> str:
+    def command() -> None:
+        assert invoke(ldt, shlex.split(line)[1:]) == 0, line
+
+    return _printed_in(folder, command)
+
+
+def _printed_in(folder: Path, work: Callable[[], object]) -> str:
     printed = io.StringIO()
-    with (
-        contextlib.chdir(folder),
-        contextlib.redirect_stdout(printed),
-        contextlib.redirect_stderr(printed),
-    ):
-        code = invoke(ldt, shlex.split(line)[1:])
-    assert code == 0, f"{line}\nended with {code}:\n{printed.getvalue()}"
+    try:
+        with (
+            contextlib.chdir(folder),
+            contextlib.redirect_stdout(printed),
+            contextlib.redirect_stderr(printed),
+        ):
+            work()
+    except AssertionError as error:
+        raise AssertionError(f"{error} failed:\n{printed.getvalue()}") from error
     return printed.getvalue()
 
 

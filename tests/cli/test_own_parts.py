@@ -53,8 +53,8 @@ def test_the_page_s_detector_keeps_the_protocol(mine):
 
 
 def test_the_page_s_effect_is_checked_and_acts(tmp_path, monkeypatch, capsys):
-    """By the commands that stand below it, with fewer experiments; that it is found from the
-    recording as well, the page itself says, and `test_docs.py` holds it to that."""
+    """By the commands that stand below it, with fewer experiments; that it is found from a
+    recording as well, `test_diagnose.py` holds."""
     written("cubic_drag.py", tmp_path, monkeypatch)
     check, use, _ = (c for c in PAGES.splitlines() if c.startswith("ldt") and "cubic_drag.py:" in c)
     assert invoke(effects.command, check.split()[2:]) == 0

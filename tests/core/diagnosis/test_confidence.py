@@ -87,7 +87,9 @@ def test_a_search_ends_at_its_limit_of_work_and_answers(monkeypatch):
     """With hardly any work allowed the answer is still whole, and its grounds say why."""
     monkeypatch.setattr(set_fits, "MOST_WORK", 1)
     experiments = record(MOTOR, "coulomb_friction:torque=0.1", count=4)
-    found = diagnose(MOTOR, experiments, workers=1)
+    few = ("coulomb_friction", "viscous_friction", "inertia", "motor_constant", "constant_load")
+    effects = [get_effect(name) for name in few]
+    found = diagnose(MOTOR, experiments, effects=effects, workers=1)
     assert found.verdict.grounds["spent"] == 1.0
     assert found.verdict.kind in ("effect", "ambiguous", "unknown")
     assert len(found.verdict.acting) <= 1  # nothing was tried beside another effect
