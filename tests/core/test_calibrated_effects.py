@@ -14,8 +14,9 @@ from ldt_core.base.errors import ArgumentTypeError, MachineFileError
 from ldt_core.calibration import calibrate
 from ldt_core.calibration.machine_yaml import machine_file_text
 from ldt_core.diagnosis.diagnosis import read_effects
-from ldt_core.effects import EFFECTS, get_effect, parse_effect
+from ldt_core.effects import get_effect, parse_effect
 from ldt_core.machine.machine_file import Machine, machine_from_dict, parse_machine
+from tests.motors import all_but
 
 FILE = {
     "name": "motor",
@@ -111,8 +112,7 @@ def test_intervals_of_a_complete_physics_cover_though_others_were_kept():
 def bench():
     """The motor with dry friction, and the diagnosis among few: `ldt docs machine` has all."""
     measured = ldt.simulate(motor(), 8, effects=FRICTION, seed=3)
-    few = (*FRICTION, "viscous_friction", "inertia", "motor_constant")
-    others = [name for name in EFFECTS.names() if name not in few]
+    others = all_but(*FRICTION, "viscous_friction", "inertia", "motor_constant")
     return measured, ldt.diagnose(measured, motor(), without=others)
 
 

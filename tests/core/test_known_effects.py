@@ -18,6 +18,7 @@ from ldt_core.models.grey_box import GreyBoxModel
 from ldt_core.models.hybrid import HybridModel
 from ldt_core.models.physics import PhysicsModel
 from ldt_core.restart.run_key import key_text
+from tests.motors import all_but
 
 MOTOR = {
     "name": "motor",
@@ -239,7 +240,8 @@ def test_a_diagnosis_names_the_whole_of_a_known_effect_that_changed():
     both = {"voltage": {"kind": "steps", "low": -12, "high": 12, "hold": 0.4}, "noise": 0.05}
     machine = motor(effects=FRICTION, simulation=both)
     measured = ldt.simulate(machine, 6, effects={"coulomb_friction": {"torque": 0.05}}, seed=3)
-    found = ldt.diagnose(measured, machine)
+    others = all_but("coulomb_friction", "viscous_friction", "quadratic_drag", "motor_constant")
+    found = ldt.diagnose(measured, machine, without=others)
     assert found.verdict.effects == ["coulomb_friction"]
     (named,) = found.effects
     assert named["parameters"]["torque"] == pytest.approx(0.05, rel=0.02)

@@ -89,10 +89,17 @@ def test_the_detail_acts_where_it_is_given():
         parse_effect("coulomb_friction:torque=0.1,presliding=-1")
 
 
+def relatives():
+    """Of a friction, and what else may stand for it."""
+    tried = [e for e in map(get_effect, EFFECTS.names()) if e.family in ("dry friction", "drag")]
+    return [*tried, get_effect("constant_load"), get_effect("inertia")]
+
+
 @pytest.mark.slow
 def test_a_diagnosis_finds_the_turn_and_its_file_gives_it_back(tmp_path):
     held = [np.repeat(np.random.default_rng(k).uniform(-3, 3, 25), 20) for k in range(4)]
-    found = diagnose(MOTOR, record(MOTOR, ELASTIC, count=4, noise=0.02, levels=held))
+    experiments = record(MOTOR, ELASTIC, count=4, noise=0.02, levels=held)
+    found = diagnose(MOTOR, experiments, effects=relatives())
     assert found.verdict.acting == [["coulomb_friction"]]
     assert found.gap.after.rmse < 0.022
     (named,) = found.effects
@@ -107,10 +114,8 @@ def test_a_diagnosis_finds_the_turn_and_its_file_gives_it_back(tmp_path):
 @pytest.mark.slow
 def test_plain_friction_gets_no_turn():
     """Beside its relatives, and what else may stand for it."""
-    tried = [e for e in map(get_effect, EFFECTS.names()) if e.family in ("dry friction", "drag")]
-    tried += [get_effect("constant_load"), get_effect("inertia")]
     experiments = record(MOTOR, "coulomb_friction:torque=0.1", noise=0.02)
-    found = diagnose(MOTOR, experiments, effects=tried)
+    found = diagnose(MOTOR, experiments, effects=relatives())
     (named,) = found.effects
     assert named["parameters"].keys() == {"torque"}
 

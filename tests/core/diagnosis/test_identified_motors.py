@@ -65,7 +65,7 @@ def test_a_number_that_changed_is_named(healthy, changed, names):
 def test_the_same_machine_has_no_gap(healthy):
     """In other experiments."""
     records = runs(motor_file(TRUE, SAMPLES, PERIOD), seed=8)
-    assert diagnose(healthy, records, workers=1).verdict.kind == "none"
+    assert diagnose(healthy, records, effects=EFFECTS, workers=1).verdict.kind == "none"
 
 
 @pytest.mark.parametrize("inductance", [5e-4, 1e-5, 0.0])

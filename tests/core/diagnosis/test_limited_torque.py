@@ -8,12 +8,21 @@ from recorded_machines import MOTOR, PERIOD, uses
 
 from ldt_core.base.experiment import Experiment
 from ldt_core.diagnosis.diagnose import diagnose
+from ldt_core.effects import get_effect
 from tests.motors import motor_file
 
 TRUE = {"J": 2e-4, "K_t": 0.05, "R": 1.5, "L": 5e-4, "b": 1e-4}
 SAMPLES, STEP, NOISE = 600, 0.005, 1.0  # of an experiment, s, rad/s
 FINE = 50  # steps of an engine of its own in a sample
 LIMIT = 4.0  # A
+#: What limits something, or changes what a current does.
+TRIED = [
+    get_effect(name)
+    for name in (
+        *("current_limit", "magnetic_saturation", "voltage_saturation", "brush_drop", "inertia"),
+        *("motor_constant", "armature_resistance", "source_resistance", "coulomb_friction"),
+    )
+]
 
 
 def test_the_current_stays_at_its_limit_and_the_torque_with_it():
@@ -76,7 +85,8 @@ def closed_loop(seed: int, count: int, limit: float, half: float) -> list[Experi
 )
 def test_a_limited_torque_is_no_limited_voltage(name, parameter, size, laws):
     """That was the name of both, at 0.83 to 0.92, and left eleven times the noise."""
-    found = diagnose(motor_file(TRUE, SAMPLES, STEP), closed_loop(1, 4, *laws), workers=1)
+    records = closed_loop(1, 4, *laws)
+    found = diagnose(motor_file(TRUE, SAMPLES, STEP), records, effects=TRIED, workers=1)
     assert found.verdict.acting == [[name]]
     amounts = next(c for c in found.candidates if c.effect == name).parameters
     assert amounts[parameter].value == pytest.approx(size, rel=0.01)

@@ -21,6 +21,7 @@ from ldt_core.diagnosis.nominal_prior import (
     merged,
     nominal_prior,
 )
+from ldt_core.effects import get_effect
 
 OWN = replace(MOTOR, parameters={"J": 6e-5, "K_t": 0.05, "R": 5.0, "L": 0.002, "b": 3e-5})
 
@@ -61,7 +62,9 @@ def test_a_brake_is_no_number_of_the_file():
     start = replace(OWN, parameters={n: v * sheet[n] for n, v in OWN.parameters.items()})
     file = calibrate(start, record(OWN, **recording)).machine
     braked = record(OWN, "viscous_friction:b=5e-5", seed=2, **recording)
-    found = diagnose(file, braked, workers=1)
+    tried = ("viscous_friction", "coulomb_friction", "quadratic_drag", "motor_constant", "inertia")
+    effects = [get_effect(n) for n in (*tried, "armature_resistance", "sensor_gain", "input_gain")]
+    found = diagnose(file, braked, effects=effects, workers=1)
     assert found.verdict.acting == [["viscous_friction"]]
     assert found.gap.after.rmse < 1.1 * 0.3
 
