@@ -218,7 +218,7 @@ def test_what_comes_to_the_place_meanwhile_is_not_overwritten(tmp_path):
 def test_the_command_prints_the_hash_first(tmp_path):
     """Then where the cases and the key are."""
     out, key = tmp_path / "cases", tmp_path / "answers.json"
-    options = ["make", "--cases", "1", "--seed", "3", "--out", out, "--key", key, "--jobs", "1"]
+    options = ["make", "--cases", "1", "--seed", "7", "--out", out, "--key", key, "--jobs", "1"]
     done = CliRunner().invoke(command, [str(o) for o in options], catch_exceptions=False)
     digest = hashlib.sha256(key.read_bytes()).hexdigest()
     assert done.stdout.splitlines() == [
