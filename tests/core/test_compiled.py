@@ -135,7 +135,7 @@ def test_the_first_run_on_a_computer_says_what_it_waits_for(tmp_path: Path) -> N
     told = []
     for out in ("first", "second"):
         command = [sys.executable, "-m", "ldt_core", "simulate", "--machine", "dc_motor"]
-        command += ["--experiments", "1", "--effect", "coulomb_friction", "--out", out]
+        command += ["--experiments", "1", "--out", out]
         surroundings = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
         ran = subprocess.run(
             command, cwd=tmp_path, env=surroundings, capture_output=True, text=True, check=True

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import importlib.metadata
 import math
 import os
@@ -39,6 +40,7 @@ def figures(result):
     return result.max_error, result.level, result.action, result.region_rmse
 
 
+@functools.cache
 def here(machine: str):
     return {case.key: figures(run_case(case)) for case in cases(machine)}
 

@@ -115,12 +115,3 @@ def test_what_cannot_be_used_is_left_out_alike(domain, short_rotor, tmp_path):
     predicted = records(tmp_path / "graph")
     for topic in ("prediction", "original_prediction", "signal", "model", "adaptation"):
         assert predicted[topic] == records(tmp_path / "offline")[topic]
-
-
-def test_the_runs_compared_do_learn(tmp_path):
-    """Agreement would mean little if no model were ever adapted."""
-    settings = resolve({**COMMON, **RUNS["linear, threshold"]})
-    machine = load_machine("rotor")
-    plant = Plant.from_settings(machine, settings)
-    summary = run(machine, settings, map(plant.experiment, range(1, 9)), None)
-    assert summary.adaptations > 0
