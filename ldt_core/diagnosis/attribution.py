@@ -18,7 +18,7 @@ from ldt_core.diagnosis.diagnosis import ParameterAmount
 from ldt_core.diagnosis.effect_fit import EffectFit, by_member
 from ldt_core.diagnosis.effect_set_search import EffectSetSearch
 from ldt_core.diagnosis.nominal_prior import masses_leave_open
-from ldt_core.estimation.amount_interval import DEVIATIONS, determined, shown_variance
+from ldt_core.estimation.amount_interval import DEVIATIONS, has_interval, shown_variance
 from ldt_core.machine.machine_file import Machine
 from ldt_core.physics.machine_sizes import is_amount
 
@@ -58,7 +58,7 @@ def amounts(fit: EffectFit, left: float, gap: float) -> dict[str, dict[str, Para
     for c, z, spread in zip(fit.effects, fit.z, deviations(fit, left, gap), strict=False):
         low, high = c.bounds
         own = {}
-        known = determined(spread, np.where([is_amount(p) for p in c.parameters], z, 0.0))
+        known = has_interval(spread, np.where([is_amount(p) for p in c.parameters], z, 0.0))
         for j, p in enumerate(c.parameters):
             interval = None
             if known[j]:

@@ -42,10 +42,8 @@ class ErrorBand:
         self._rows: list[tuple[int, int, slice]] = []  # experiment, channel, rows
         unknown = 0
         for i, piece in enumerate(residuals.pieces):
-            length = len(piece.experiment)
             unknown += residuals.starts.bases[i].shape[1]
-            for channel, begin in enumerate(range(piece.rows.start, piece.rows.stop, length)):
-                self._rows.append((i, channel, slice(begin, begin + length)))
+            self._rows += [(i, channel, rows) for channel, rows in enumerate(piece.channels)]
         #: Degrees of freedom of the band in each channel.
         self.free = [0.0, 0.0]
         #: Degrees of freedom of each frequency of an experiment, in the band and above it.

@@ -44,6 +44,7 @@ from ldt_core.machine.machine_file import Machine
 from ldt_core.physics.base import ANGLE, CURRENT, MAX_STEP, NOT_TRACKED, SPEED, FreeRun, Work
 from ldt_core.physics.effect import Effect
 from ldt_core.physics.integrate import MAX_STEP_RATE
+from ldt_core.physics.lanes import WIDTH
 from ldt_core.physics.motor_driven import USUAL_ROUNDS
 from ldt_core.physics.motor_rates import memory, motor_rate
 from ldt_core.physics.parameter import Values
@@ -161,11 +162,10 @@ class FreeRunResiduals:
         """Take the noise to be as large as the laws' own errors are likely to be."""
         rest, gap, count = self.of(), [0.0, 0.0], [0, 0]
         for piece in self.pieces:
-            length = len(piece.experiment)
-            for channel, begin in enumerate(range(piece.rows.start, piece.rows.stop, length)):
-                part = rest[begin : begin + length]
-                gap[channel] += float(part @ part) - length
-                count[channel] += length
+            for channel, rows in enumerate(piece.channels):
+                part = rest[rows]
+                gap[channel] += float(part @ part) - part.size
+                count[channel] += part.size
         speed, current = (max(g / max(n, 1), 0.0) for g, n in zip(gap, count, strict=True))
         wider = [math.sqrt(1.0 + tolerance**2 * power) for power in (speed, current)]
         # The speed is what is to be predicted: a current measured well adds to what is known of
@@ -249,7 +249,8 @@ class FreeRunResiduals:
     def differences(self, runs: Sequence[Simulated], step: float) -> Iterator[Array]:
         """(rows,) measured minus simulated of each, in noise deviations."""
         limit = DIVERGED_SPEED / self.noise[0]
-        some = max(1, SAMPLES_AT_ONCE // max(len(e) for e in self.experiments))
+        lanes = WIDTH * max(len(e) for e in self.experiments)
+        some = math.ceil(SAMPLES_AT_ONCE / lanes) * WIDTH
         parts = (self.simulated(runs[i : i + some], step) for i in range(0, len(runs), some))
         for run, (speed, current) in zip(runs, itertools.chain.from_iterable(parts), strict=True):
             e = self.experiments[run.place]

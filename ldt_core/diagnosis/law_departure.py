@@ -52,7 +52,7 @@ class LawDepartures:
     def __init__(self, residuals: FreeRunResiduals, base: Array) -> None:
         self.residuals = residuals
         #: Sum of squares of the speed's residuals without any effect.
-        self.gap = sum(float(np.sum(base[_speed(p)] ** 2)) for p in residuals.pieces)
+        self.gap = sum(float(np.sum(base[p.channels[0]] ** 2)) for p in residuals.pieces)
         self._taken: dict[EffectFit, float] = {}
 
     def taken(self, fitted: EffectFit) -> float:
@@ -127,14 +127,14 @@ class LawDepartures:
         gram: Array = np.zeros(())
         target: Array = np.zeros(())
         for i, piece in enumerate(pieces):
-            columns = [fitted.jacobian[_speed(piece)]]
+            columns = [fitted.jacobian[piece.channels[0]]]
             for push, keep, size in zip(pushes, forgets, sizes, strict=True):
                 speed, current = motion[i][0] / fastest, motion[i][1] / strongest
                 moved = _moved(_shapes(push[i], speed, current, size), keep[i]) / noise
                 columns.append(project_out(moved, starts.bases[i][: len(moved)]))
             together = np.column_stack(columns)
             gram = gram + together.T @ together
-            target = target + together.T @ fitted.residual[_speed(piece)]
+            target = target + together.T @ fitted.residual[piece.channels[0]]
         wanted = DEPARTURE * np.sqrt(np.minimum(power, self.gap))
         sized = np.repeat(wanted, (len(target) - count) // len(changes))
         length = np.sqrt(np.diag(gram)[count:])
@@ -193,11 +193,6 @@ def own_laws(residuals: FreeRunResiduals) -> float:
             moved = speeds[i] - without
             power += min(float(moved @ moved), signal)
     return THRESHOLDS.law_error**2 * power / residuals.noise[0] ** 2
-
-
-def _speed(piece: PreparedExperiment) -> slice:
-    """Rows of an experiment's speed."""
-    return slice(piece.rows.start, piece.rows.start + len(piece.experiment))
 
 
 def _bounded(gram: Array, target: Array, low: Array, high: Array) -> Array:

@@ -101,9 +101,8 @@ def scouted(residuals: FreeRunResiduals, rest: Array) -> list[Stretch]:
     size = np.mean([s.stop - s.begin for s in found])
     few = len(found) == len(residuals.experiments)
     count = min(SCOUT_EXPERIMENTS, math.ceil(SCOUT_SAMPLES / size)) if few else SCOUT_STRETCHES
-    order = np.argsort(
-        [-np.mean(rest[looked_at(residuals, [s])] ** 2) for s in found], kind="stable"
-    )
+    parts = [np.concatenate([rest[rows] for rows in _rows(residuals, s)]) for s in found]
+    order = np.argsort([-np.mean(part**2) for part in parts], kind="stable")
     chosen = np.linspace(0, len(found) - 1, min(count, len(found)))
     return [found[k] for k in sorted({int(order[round(i)]) for i in chosen})]
 
@@ -115,13 +114,16 @@ def _stretches(place: int, length: int) -> list[Stretch]:
     return [Stretch(place, k, k + each) for k in range(0, length - each + 1, each)]
 
 
+def _rows(residuals: FreeRunResiduals, s: Stretch) -> list[slice]:
+    channels = residuals.pieces[s.place].channels
+    return [slice(rows.start + s.begin, rows.start + s.stop) for rows in channels]
+
+
 def looked_at(residuals: FreeRunResiduals, stretches: Sequence[Stretch]) -> NDArray[np.bool_]:
     """(size,) which residuals are of these stretches."""
     found = np.zeros(residuals.size, dtype=np.bool_)
-    for s in stretches:
-        piece = residuals.pieces[s.place]
-        for begin in range(piece.rows.start, piece.rows.stop, len(piece.experiment)):
-            found[begin + s.begin : begin + s.stop] = True
+    for rows in (rows for s in stretches for rows in _rows(residuals, s)):
+        found[rows] = True
     return found
 
 

@@ -76,6 +76,12 @@ class PreparedExperiment:
     rows: slice
     columns: Array
 
+    @property
+    def channels(self) -> list[slice]:
+        """Rows of the speed, and of the current where it was measured."""
+        length = len(self.experiment)
+        return [slice(k, k + length) for k in range(self.rows.start, self.rows.stop, length)]
+
 
 def motor_columns(
     values: Values, e: Experiment, unknown: Sequence[int], noise: tuple[float, float]

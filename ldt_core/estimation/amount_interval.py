@@ -40,7 +40,7 @@ def shown_variance(left: float, gap: float) -> float:
     return 1 + SHOWN * (law_variance(left, gap) - 1)
 
 
-def determined(spread: Array, amount: Array) -> NDArray[np.bool_]:
+def has_interval(spread: Array, amount: Array) -> NDArray[np.bool_]:
     """(n,) whether coordinates of such standard deviations are known well enough to be told.
 
     Args:
@@ -75,12 +75,12 @@ def intervals_of(found: FittedStructure, told: Array) -> dict[str, dict[str, lis
     spread = np.sqrt(np.where(variance > 0, variance, np.inf))  # below 0 by rounding
     amount = np.zeros(box.size)
     amount[much] = fit.q[much]
-    known = determined(spread, amount)
+    known = has_interval(spread, amount)
     half = DEVIATIONS * np.where(known, spread, 0.0)
     ends = [box.values(fit.q + side * half)[1] for side in (-1, 1)]
-    told_of = iter(known[k:].tolist())
+    determined = iter(known[k:].tolist())
     return {
-        e.name: {n: [low[n], high[n]] if next(told_of) else None for n in low}
+        e.name: {n: [low[n], high[n]] if next(determined) else None for n in low}
         for (e, low), (_, high) in zip(*ends, strict=True)
     }
 

@@ -212,6 +212,7 @@ def collocate(
             h = length / (1 << level)
             t = edges[k] + (done + at / units) * length
             i = kind[k]
+            move = i * (halvings + 1) + level  # whose moves the matrix was factored with
             third, whole = table.third[i, level], table.whole[i, level]
             w11, w12 = table.w11[i, level], table.w12[i, level]
             w21, w22 = table.w21[i, level], table.w22[i, level]
@@ -254,22 +255,21 @@ def collocate(
                         x[j] = x0[j] + share * dx[j]
                     continue
                 miss, share = off, 1.0
-                if terms is not None and not known:
-                    _slopes(y1, t + h / 3, v, z1, d0, c, terms, (fast, much), g1)
-                    _slopes(y2, t + h, v, z2, d0, c, terms, (fast, much), g2)
-                    known = True
-                    factored = -1
-                if terms is not None and factored != i * (halvings + 1) + level:
-                    factored = i * (halvings + 1) + level
-                    for p in range(2):
-                        for q in range(2):
-                            one = 1.0 if p == q else 0.0
-                            m[p, q] = one - w11[p, 0] * g1[0, q] - w11[p, 1] * g1[1, q]
-                            m[p, 2 + q] = -w12[p, 0] * g2[0, q] - w12[p, 1] * g2[1, q]
-                            m[2 + p, q] = -w21[p, 0] * g1[0, q] - w21[p, 1] * g1[1, q]
-                            m[2 + p, 2 + q] = one - w22[p, 0] * g2[0, q] - w22[p, 1] * g2[1, q]
-                    _factor(m, order)
                 if terms is not None:
+                    if not known:
+                        _slopes(y1, t + h / 3, v, z1, d0, c, terms, (fast, much), g1)
+                        _slopes(y2, t + h, v, z2, d0, c, terms, (fast, much), g2)
+                        known, factored = True, -1
+                    if factored != move:
+                        for p in range(2):
+                            for q in range(2):
+                                one = 1.0 if p == q else 0.0
+                                m[p, q] = one - w11[p, 0] * g1[0, q] - w11[p, 1] * g1[1, q]
+                                m[p, 2 + q] = -w12[p, 0] * g2[0, q] - w12[p, 1] * g2[1, q]
+                                m[2 + p, q] = -w21[p, 0] * g1[0, q] - w21[p, 1] * g1[1, q]
+                                m[2 + p, 2 + q] = one - w22[p, 0] * g2[0, q] - w22[p, 1] * g2[1, q]
+                        _factor(m, order)
+                        factored = move
                     _solve(m, order, r)
                 for j in range(4):
                     x0[j], dx[j] = x[j], r[j]
