@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -17,6 +18,7 @@ from ldt_core.diagnosis.simulated_experiments import SEARCH_STEP, StartStates, U
 from ldt_core.diagnosis.start_angles import gain_of_angles, turns
 from ldt_core.diagnosis.thresholds import THRESHOLDS
 from ldt_core.estimation.least_squares import ForwardDifferences, trust_region
+from ldt_core.physics.lanes import WIDTH
 
 STEPS = 12  # least-squares steps of one fit: from good starts, more gain nothing
 STEPS_TO_START_STATES = 4  # least-squares steps after which start states are estimated again
@@ -159,12 +161,15 @@ def fit(
 
     sizes = np.concatenate([c.differences for c in members])
     steady = np.concatenate([np.full(len(c), c.steady) for c in members])
+    alike = Counter((len(e), e.period) for e in residuals.experiments)
+    abreast = WIDTH / max(alike.values(), default=1)
 
     def descend(z: Array, count: int) -> tuple[Array, Array, Array]:
         begin = np.clip(z, low + margin, high - margin)
-        quotients = ForwardDifferences(rows, sizes, high, steady)
+        search = ForwardDifferences(rows, sizes, high, steady, abreast)
         accuracy = {"ftol": precision, "xtol": 1e-6, "gtol": 1e-8, "max_nfev": count}
-        found = trust_region(quotients.residual, begin, low, high, quotients.jacobian, **accuracy)
+        asked = search.residual, begin, low, high, search.jacobian, search.residual_alone
+        found = trust_region(*asked, **accuracy)
         return found.z, found.residual, found.jacobian
 
     def settled(z: Array, free: bool = False, near: StartStates | None = None) -> StartStates:

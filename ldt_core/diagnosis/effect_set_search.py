@@ -349,9 +349,13 @@ class EffectSetSearch(SetFits):
         """Sets with a twin in the place of a member, all else as it is: as strong as the member."""
         tries, known = [], {c.name: c for c in self.candidates}
         for i, member in enumerate(base.effects):
-            for name in sorted(self.twins.get(member.name, set()) - set(base.names)):
-                twin, rest = known[name], [*base.use[:i], *base.use[i + 1 :]]
-                starts = [twin.scaled(z, k) for z in twin.starts() for k in AS_STRONG]
+            names = sorted(self.twins.get(member.name, set()) - set(base.names))
+            rest = [*base.use[:i], *base.use[i + 1 :]]
+            whole, without = self.scout.of_all([base.use, rest]) if names else ((), ())
+            for name in names:
+                twin = known[name]
+                start = self.responses.likest(twin, np.subtract(without, whole))
+                starts = [twin.scaled(start, k) for k in AS_STRONG]
                 left = self.scout.of_all([[(twin.effect, twin.given(z)), *rest] for z in starts])
                 nearest = starts[int(np.argmin([float(r @ r) for r in left]))]
                 members, z = list(base.effects), list(base.z[: len(base.effects)])

@@ -69,15 +69,13 @@ def _ambiguities(
         copy = fit(truths[i], [candidates[j]], [start], steps=steps, precision=precision)
         return copy.loss * scale < THRESHOLDS.indistinguishable_loss
 
-    pairs = itertools.combinations(loud, 2)
-    mutual = [(i, j) for i, j in pairs if imitates(j, i) and imitates(i, j)]
     groups: list[set[int]] = []
-    for i, j in mutual:
-        joined = {i, j}
-        for group in [g for g in groups if g & joined]:
-            groups.remove(group)
-            joined |= group
-        groups.append(joined)
+    for i, j in itertools.combinations(loud, 2):
+        if any({i, j} <= group for group in groups):
+            continue
+        if imitates(j, i) and imitates(i, j):
+            joined = {i, j}.union(*(g for g in groups if g & {i, j}))
+            groups = [*(g for g in groups if not g & joined), joined]
     return [sorted(candidates[i].name for i in g) for g in groups]
 
 

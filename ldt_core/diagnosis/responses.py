@@ -132,6 +132,16 @@ class Responses:
 
         return of
 
+    def likest(self, candidate: Candidate, moved: Array) -> Array:
+        """Coordinates with which a candidate moves the residuals most as that (size,) does."""
+        own = np.flatnonzero(self.owner == self.candidates.index(candidate))
+        if not own.size:
+            return candidate.starts()[0]
+        size, target = np.diag(self.gram)[own], self.responses[own] @ moved
+        scale = strength(target, size)
+        best = int(np.argmax(2 * scale * target - scale**2 * size))
+        return candidate.scaled(self.z[own[best]], float(scale[best]))
+
     @functools.cached_property
     def with_free_phase(self) -> frozenset[str]:
         """Effects whose phase each experiment may choose, since start angles are not known."""

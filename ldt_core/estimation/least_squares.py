@@ -8,7 +8,8 @@ only, and `grey_box_problem` descends by the same `damped_step`, several tried s
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -54,6 +55,7 @@ def trust_region(
     low: Array | float,
     high: Array | float,
     jacobian: Residual | None = None,
+    alone: Residual | None = None,
     **tolerances: Any,
 ) -> Solution:
     """The minimum that scipy's `least_squares` finds from a start.
@@ -63,6 +65,7 @@ def trust_region(
         start: (p,) within the bounds.
         low, high: (p,) or one for all, bounds.
         jacobian: of the residual; None takes difference quotients.
+        alone: the residual where the Jacobian will hardly be asked for; None takes `residual`.
         tolerances: xtol, ftol, gtol and max_nfev of `scipy.optimize.least_squares`.
 
     Raises:
@@ -82,7 +85,7 @@ def trust_region(
     if jacobian is None:
         return solved
     for _ in range(FAR_STEPS):
-        there = _through_the_bend(residual, solved, low, high)
+        there = _through_the_bend(alone or residual, solved, low, high)
         gained = 1 - _loss(there[1]) / max(_loss(solved.residual), TINY)
         if not gained > max(tolerances.get("ftol", 0.0), LEAST_FAR_GAIN):
             break
@@ -178,7 +181,8 @@ def damped_step(normal: Array, slope: Array, damping: float, longest: Array) -> 
 class ForwardDifferences:
     """A residual with its derivative by difference quotients, backward where a bound is near.
 
-    The last residual is remembered: a search asks for the derivative where it was last.
+    A search asks for the derivative where it was last, unless that step did not help: so the
+    derivative is computed along with the residual where that takes no longer than it does alone.
 
     Args:
         residuals: points (p,) -> of each (N,): all at once, for what computes several together.
@@ -186,6 +190,7 @@ class ForwardDifferences:
         high: (p,) upper bounds.
         steady: (p,) coordinates, in deviations of what is known of them, whose derivative hardly
             changes: it is found anew once one of them has moved by `KEPT_MOVE`. None for none.
+        abreast: points that are computed in the time of one.
     """
 
     def __init__(
@@ -194,38 +199,56 @@ class ForwardDifferences:
         step: Array | float,
         high: Array,
         steady: NDArray[np.bool_] | None = None,
+        abreast: float = 1.0,
     ) -> None:
-        self._residuals, self._high = residuals, high
+        self._residuals, self._high, self._abreast = residuals, high, abreast
         self._steady = np.zeros(high.size, bool) if steady is None else steady
         self._found: Array | None = None
         self._found_at = np.zeros(0)
         self._step = np.broadcast_to(np.asarray(step, dtype=np.float64), high.shape)
-        self._last: tuple[Array, Array] | None = None
+        #: Points where residuals were found last, the first of them where it was asked for.
+        self._last: list[tuple[Array, Array]] = []
 
     def residual(self, z: Array) -> Array:
         """(N,) at z (p,)."""
-        rows = self._residuals([z])[0]
-        self._last = z.copy(), rows
-        return rows
+        moved = self._moved(z, self._anew(z))
+        both, alone = (math.ceil(k / self._abreast) for k in (len(moved) + 1, len(moved)))
+        return self._find([z, *moved] if both == alone else [z])
+
+    def residual_alone(self, z: Array) -> Array:
+        """The same, where the derivative will hardly be asked for."""
+        return self._find([z])
+
+    def _find(self, points: list[Array]) -> Array:
+        self._last = [(z.copy(), r) for z, r in zip(points, self._residuals(points), strict=True)]
+        return self._last[0][1]
+
+    def _anew(self, z: Array) -> list[int]:
+        """Coordinates whose derivative is to be found anew at z (p,)."""
+        kept = self._found is not None
+        if kept and (np.abs(z - self._found_at)[self._steady] > KEPT_MOVE).any():
+            kept = False
+        return [j for j in range(z.size) if not (kept and self._steady[j])]
+
+    def _moved(self, z: Array, coordinates: Sequence[int]) -> list[Array]:
+        found = [z.copy() for _ in coordinates]
+        for j, there in zip(coordinates, found, strict=True):
+            step = float(self._step[j])
+            there[j] += step if z[j] + step <= self._high[j] else -step
+        return found
 
     def jacobian(self, z: Array) -> Array:
         """(N, p) at z (p,)."""
-        if self._found is not None:
-            far = np.abs(z - self._found_at)[self._steady] > KEPT_MOVE
-            self._found = None if far.any() else self._found
-        if self._found is None:
+        anew = self._anew(z)
+        if len(anew) == z.size:
             self._found_at = z.copy()
-        anew = [j for j in range(z.size) if self._found is None or not self._steady[j]]
-        moved = [z.copy() for _ in anew]
-        for j, there in zip(anew, moved, strict=True):
-            step = float(self._step[j])
-            there[j] += step if z[j] + step <= self._high[j] else -step
-        if self._last is not None and np.array_equal(self._last[0], z):
-            base, found = self._last[1], self._residuals(moved)
-        else:
-            base, *found = self._residuals([z, *moved])
+        points = [z, *self._moved(z, anew)]
+        known = {there.tobytes(): rows for there, rows in self._last}
+        asked = [there for there in points if there.tobytes() not in known]
+        known |= {a.tobytes(): r for a, r in zip(asked, self._residuals(asked), strict=True)}
+        base, *found = (known[there.tobytes()] for there in points)
         columns = np.empty((base.size, z.size)) if self._found is None else self._found.copy()
-        for j, there, rows in zip(anew, moved, found, strict=True):
+        for j, there, rows in zip(anew, points[1:], found, strict=True):
             columns[:, j] = (rows - base) / (there[j] - z[j])
         self._found = columns
         return columns

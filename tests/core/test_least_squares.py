@@ -60,3 +60,26 @@ def test_a_derivative_is_kept_while_its_coordinate_stays_near():
     far = quotients.jacobian(np.array([2.0, 1.0]))
     assert far[0, 0] == pytest.approx(np.exp(2.0), rel=1e-4)
     assert asked == [3, 2, 3]
+
+
+@given(x=st.floats(-2, 2), y=st.floats(-2, 2), u=st.floats(-2, 2))
+def test_what_is_computed_along_is_what_would_be_asked_for(x, y, u):
+    """With room for three points beside each other, no derivative is asked for after a residual."""
+    asked = {1.0: [], 3.0: []}
+    found = {}
+    for abreast, counts in asked.items():
+
+        def rows(points, counts=counts):
+            counts.append(len(points))
+            return [valley(z) for z in points]
+
+        quotients = ForwardDifferences(rows, 1e-6, np.full(2, 1.5), abreast=abreast)
+        z = np.array([x, y])
+        found[abreast] = (
+            quotients.residual(z),
+            quotients.jacobian(z),
+            quotients.residual_alone(z + u),
+        )
+    for one, other in zip(*found.values(), strict=True):
+        np.testing.assert_array_equal(one, other)
+    assert asked == {1.0: [1, 2, 1], 3.0: [3, 0, 1]}
