@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ldt_core.base.errors import ModelError
 from ldt_core.base.experiment import DiagnosisRecord, ModelRecord
 from ldt_core.effects import EFFECTS, get_effect
 from ldt_core.machine.machine_file import Machine
+from ldt_core.physics.base import Effects
 from ldt_core.physics.effect import Effect
 
 Amounts = Mapping[str, Mapping[str, float]]  # effect → parameter → value
@@ -21,11 +22,15 @@ class MachineEstimate:
     Args:
         values: of the machine's physics, with the effects that change parameters.
         left_out: effects that act as well, on something else than parameters.
+        beside: those of them that the machine file does not know, with all their values.
+        foreign: those that nothing here can simulate.
     """
 
     values: Mapping[str, float]
     source: str
     left_out: tuple[str, ...] = ()
+    beside: Effects = ()
+    foreign: tuple[str, ...] = ()
 
 
 def estimate_machine(
@@ -89,14 +94,16 @@ def with_effects(
         for effect, _ in machine.effects
         if effect.name not in names and (effect.on_parameters is None or effect.states)
     ]
+    beside = []
     for effect, given in acting:
         effect.require(machine.model)
         if effect.on_parameters is None or effect.states:
             left_out.append(effect.name)
+            beside.append((effect, given))
         else:
             values = effect.change_parameters(machine.model, values, given)
     source = "the effects given" if acting else "the machine file"
-    return MachineEstimate(machine.model.folded(values), source, tuple(left_out))
+    return MachineEstimate(machine.model.folded(values), source, tuple(left_out), tuple(beside))
 
 
 def _with(machine: Machine, amounts: Amounts, source: str) -> MachineEstimate:
@@ -104,4 +111,4 @@ def _with(machine: Machine, amounts: Amounts, source: str) -> MachineEstimate:
     acting = [get_effect(n).used(g) for n, g in known.items()]
     found = with_effects(machine, acting)
     foreign = tuple(n for n in amounts if n not in known)  # a record names no files to run
-    return MachineEstimate(found.values, source, found.left_out + foreign)
+    return replace(found, source=source, left_out=found.left_out + foreign, foreign=foreign)

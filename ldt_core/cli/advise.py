@@ -66,6 +66,7 @@ def command(
     from ldt_core.advice.machine_estimate import estimate_machine, with_effects
     from ldt_core.advice.run_up import plan_run_up
     from ldt_core.base.errors import OptionError
+    from ldt_core.base.sentences import listed, spoken
     from ldt_core.diagnosis.diagnosis import read_effects
     from ldt_core.effects import parse_effect, refuse_repeated
     from ldt_core.machine.machine_file import load_machine
@@ -98,11 +99,11 @@ def command(
     else:
         belief = estimate_machine(machine, model, found)
     advice = advise(machine, belief, experiments, model, found)
-    way = None if speed is None else plan_run_up(machine, belief.values, speed)
+    way = None if speed is None else plan_run_up(machine, belief.values, speed, belief.beside)
     if way is not None and out:
         from ldt_core.views.figures.advice_figure import plot_advice
 
-        plot_advice(machine, belief.values, way, out, machine.duration)
+        plot_advice(machine, belief, way, out, machine.duration)
     record = {
         "experiment": advice.experiment or None,
         "warning": advice.warning,
@@ -111,4 +112,6 @@ def command(
         "way": way and {**vars(way), "sentence": way.describe()},
     }
     lines = [one_line(advice.sentence), *([way.describe()] if way else [])]
+    if way and belief.foreign:
+        lines.append(f"Not counted in: {listed(map(spoken, belief.foreign))}.")
     echo_result(as_json, record, *lines)

@@ -6,6 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -167,9 +168,9 @@ def fit(
     def descend(z: Array, count: int) -> tuple[Array, Array, Array]:
         begin = np.clip(z, low + margin, high - margin)
         search = ForwardDifferences(rows, sizes, high, steady, abreast)
-        accuracy = {"ftol": precision, "xtol": 1e-6, "gtol": 1e-8, "max_nfev": count}
-        asked = search.residual, begin, low, high, search.jacobian, search.residual_alone
-        found = trust_region(*asked, **accuracy)
+        about = begin, low, high, search.jacobian, search.residual_alone
+        accuracy: dict[str, Any] = {"ftol": precision, "xtol": 1e-6, "gtol": 1e-8}
+        found = trust_region(search.residual, *about, **accuracy, max_nfev=count)
         return found.z, found.residual, found.jacobian
 
     def settled(z: Array, free: bool = False, near: StartStates | None = None) -> StartStates:

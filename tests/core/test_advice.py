@@ -20,11 +20,12 @@ from ldt_core.advice.bands import (
     voltage_bands,
 )
 from ldt_core.advice.experiment_design import candidate_designs, most_informative
-from ldt_core.advice.machine_estimate import MachineEstimate, estimate_machine
+from ldt_core.advice.machine_estimate import MachineEstimate, estimate_machine, with_effects
 from ldt_core.advice.run_up import plan_run_up
 from ldt_core.base.errors import ModelError, OptionError, RecordingError
 from ldt_core.base.experiment import AdviceRecord, DiagnosisRecord, Experiment, ModelRecord
 from ldt_core.base.settings import resolve
+from ldt_core.effects import get_effect
 from ldt_core.machine import Plant
 from ldt_core.machine.machine_file import load_machine
 from ldt_core.physics.steady_state import steady_voltage
@@ -165,6 +166,36 @@ def test_where_nothing_can_happen_the_voltage_is_set_at_once():
     assert plan_run_up(ROTOR, rotor(0.01), 10.0).through is None
     assert plan_run_up(ROTOR, rotor(0.01), 64.0).through is None
     assert plan_run_up(ROTOR, rotor(0.0), 40.0).through is None
+
+
+def test_the_voltage_that_holds_a_speed_counts_all_that_acts():
+    """A drag and a dry friction, one known to the file and one found, as an equation has them."""
+    motor = load_machine("dc_motor")
+    torque, c, speed = 0.05, 2e-5, 100.0
+    known = motor.with_effects([get_effect("coulomb_friction").used({"torque": torque})])
+    belief = with_effects(known, [get_effect("quadratic_drag").used({"c": c})])
+    p = motor.parameters
+    load = torque + c * speed**2 + p["b"] * speed
+    holds = p["R"] / p["K_t"] * load + p["K_t"] * speed
+    way = plan_run_up(known, belief.values, speed, belief.beside)
+    assert way.through is None
+    assert way.voltage == pytest.approx(holds, abs=1e-3 * motor.voltage_limits[1])
+    with pytest.raises(OptionError, match="a speed that 24 V can hold"):
+        plan_run_up(known, belief.values, 300.0, belief.beside)
+
+
+def test_a_friction_that_holds_the_shaft_is_overcome_first():
+    """It takes less voltage to go on turning than to break away."""
+    motor = load_machine("dc_motor")
+    stuck = get_effect("stribeck_friction").used({"torque": 0.05, "static": 0.3, "velocity": 5.0})
+    belief = with_effects(motor, [stuck])
+    way = plan_run_up(motor, belief.values, 20.0, belief.beside)
+    assert way.through is not None and way.through > way.voltage
+    assert "does not lead there" in way.describe()
+    start = motor.model.initial_state(belief.values, 0.0)
+    for volts, speed in ((np.full(2000, way.voltage), 0.0), (way.volts(2000, PERIOD), 20.0)):
+        end = motor.model.simulate(belief.values, volts, PERIOD, start, belief.beside)[-100:, 1]
+        assert end.mean() == pytest.approx(speed, abs=0.4)
 
 
 @pytest.mark.parametrize(

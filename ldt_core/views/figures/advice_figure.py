@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ldt_core.advice.bands import voltage_bands
+from ldt_core.advice.machine_estimate import MachineEstimate
 from ldt_core.advice.run_up import RunUp
 from ldt_core.base.arrays import Array
+from ldt_core.base.sentences import listed, spoken
 from ldt_core.machine.machine_file import Machine
 from ldt_core.physics.steady_state import steady_voltage
 from ldt_core.views.page import style
@@ -28,12 +29,12 @@ STEADY = "Steady states"  # of a motor without an eccentric rotor
 
 
 def plot_advice(
-    machine: Machine, values: Mapping[str, float], way: RunUp, out: str | Path, seconds: float
+    machine: Machine, belief: MachineEstimate, way: RunUp, out: str | Path, seconds: float
 ) -> None:
     """Draw V over speed with its folds, and both runs over time.
 
     Args:
-        values: its parameters as they are taken to be.
+        belief: what the machine is taken to be.
         seconds: that the runs last.
 
     Raises:
@@ -43,9 +44,9 @@ def plot_advice(
 
     def draw(figure: Figure) -> None:
         grid = figure.add_gridspec(2, 2, width_ratios=(1, 1.15), height_ratios=(1, 1.6))
-        _curve(figure.add_subplot(grid[:, 0]), machine, values, way)
+        _curve(figure.add_subplot(grid[:, 0]), machine, belief, way)
         above = figure.add_subplot(grid[0, 1])
-        _runs(above, figure.add_subplot(grid[1, 1], sharex=above), machine, values, way, seconds)
+        _runs(above, figure.add_subplot(grid[1, 1], sharex=above), machine, belief, way, seconds)
 
     style.save_picture(style.picture(style.WIDE.width, HEIGHT, draw), out)
 
@@ -56,13 +57,14 @@ def heedless(way: RunUp, seconds: float) -> Array:
     return np.minimum(time / (RAMP * seconds), 1.0) * way.voltage
 
 
-def _curve(axes: Axes, machine: Machine, values: Mapping[str, float], way: RunUp) -> None:
-    limit = machine.voltage_limits[1]
+def _curve(axes: Axes, machine: Machine, belief: MachineEstimate, way: RunUp) -> None:
+    limit, values = machine.voltage_limits[1], belief.values
+    others = f", without {listed(map(spoken, belief.left_out))}" if belief.left_out else ""
     bands = voltage_bands(values, limit)
     speed = np.linspace(0.0, way.speed * 1.25, POINTS)
     volts = steady_voltage(values, speed)
     stable = np.gradient(volts) > 0
-    axes.plot(volts, np.where(stable, speed, np.nan), color=style.INK, label="stable")
+    axes.plot(volts, np.where(stable, speed, np.nan), color=style.INK, label=f"stable{others}")
     axes.plot(volts, np.where(stable, np.nan, speed), ":", color=style.INK, label="unstable")
     for i, band in enumerate(bands):
         label = "to avoid" if i == 0 else None
@@ -83,10 +85,11 @@ def _runs(
     above: Axes,
     below: Axes,
     machine: Machine,
-    values: Mapping[str, float],
+    belief: MachineEstimate,
     way: RunUp,
     seconds: float,
 ) -> None:
+    values = belief.values
     ramp = heedless(way, seconds)
     time = np.arange(ramp.size) * PERIOD
     start = machine.model.initial_state(values, 0.0)
@@ -95,7 +98,7 @@ def _runs(
         ("as advised", way.volts(ramp.size, PERIOD), style.BLUE, "-"),
     )
     for label, volts, color, line in runs:
-        speed = machine.model.simulate(values, volts, PERIOD, start)[:, 1]
+        speed = machine.model.simulate(values, volts, PERIOD, start, belief.beside)[:, 1]
         above.plot(time, volts, line, color=color, label=label, drawstyle="steps-post")
         below.plot(time, speed, line, color=color, label=label)
     below.axhline(way.speed, color=style.GREY, lw=0.8, ls=":")
