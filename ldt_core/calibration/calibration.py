@@ -28,7 +28,7 @@ DIGITS = 6  # significant ones of a calibrated value: more than any recording de
 WITHHELD = "withheld: the physics lacks something"
 MOST_NOISE_RATIO = 5.0  # of a residual to its white part: beyond, it is not the sensor's noise
 MOST_LEFT = 0.5  # of the speed (rms): a fit that leaves as much has not found the machine
-LIMIT_MARGIN = 0.2  # of the recorded range of voltage, at either end: a limit must not be too tight
+LIMIT_MARGIN = 0.2  # of the largest recorded voltage, at either end: a limit must not be too tight
 CONSTANT_RANGE = 0.02  # of the largest voltage: a smaller range excites nothing
 
 
@@ -184,9 +184,9 @@ def rounded(value: float) -> float:
 
 
 def padded_range(low: float, high: float) -> tuple[float, float]:
-    """The recorded range and 0 V, widened, to one digit behind that of the width."""
+    """The recorded range and 0 V, widened by a part of its largest size, to the digit of that."""
     low, high = min(low, 0.0), max(high, 0.0)
-    wider = LIMIT_MARGIN * (high - low)
+    wider = LIMIT_MARGIN * max(-low, high)
     digit = 10.0 ** math.floor(math.log10(wider))
     return (
         rounded(math.floor((low - wider) / digit) * digit),

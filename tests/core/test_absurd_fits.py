@@ -293,6 +293,22 @@ def test_what_wear_and_loads_do_is_no_other_unit():
     assert other_unit(right, stuck) == ""
 
 
+def test_a_slow_ramp_of_a_loaded_arm_is_no_other_unit():
+    """Gravity turns with the arm for seconds, while the speed follows the voltage at once."""
+    p = {"J": 0.04, "K_t": 1.5, "R": 1.0, "L": 0.0, "b": 0.0}
+    arm = replace(load_machine("dc_motor"), parameters=p)
+    period, finer = 0.002, 20
+    voltage = 18.0 * np.sin(2 * np.pi * np.arange(3000) * period / 6.0)
+    angle, w, speed = -np.pi / 2, 0.0, []
+    for u in voltage:
+        speed.append(w)
+        for _ in range(finer):
+            torque = p["K_t"] * (u - p["K_t"] * w) / p["R"] - 4.4 * np.cos(angle)
+            w += period / finer * torque / p["J"]
+            angle += period / finer * w
+    assert other_unit(arm, Experiment(1, 0.0, period, voltage, np.array(speed))) == ""
+
+
 def test_a_speed_of_the_other_sign_is_doubted_by_a_run():
     """Calibration and diagnosis said it; a twin learned half of it."""
     right = load_machine("dc_motor")

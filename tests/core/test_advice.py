@@ -190,7 +190,8 @@ def test_a_friction_that_holds_the_shaft_is_overcome_first():
     stuck = get_effect("stribeck_friction").used({"torque": 0.05, "static": 0.3, "velocity": 5.0})
     belief = with_effects(motor, [stuck])
     way = plan_run_up(motor, belief.values, 20.0, belief.beside)
-    assert way.through is not None and way.through > way.voltage
+    assert way.through is not None
+    assert way.through > way.voltage
     assert "does not lead there" in way.describe()
     start = motor.model.initial_state(belief.values, 0.0)
     for volts, speed in ((np.full(2000, way.voltage), 0.0), (way.volts(2000, PERIOD), 20.0)):
