@@ -80,6 +80,15 @@ def spoken(name: str) -> str:
     return name.replace("_", " ")
 
 
+def confident(confidence: float) -> str:
+    """How far to trust an answer.
+
+    >>> confident(0.874), confident(0.9975)
+    ('Confidence: 87%.', 'Confidence: above 99%.')
+    """
+    return f"Confidence: {'above 99%' if confidence > 0.99 else f'{confidence:.0%}'}."
+
+
 def counted(number: int, thing: str) -> str:
     """So many of them.
 

@@ -10,7 +10,7 @@ import click
 from rich.table import Table
 
 from ldt_core.base.printable import one_line
-from ldt_core.base.sentences import listed
+from ldt_core.base.sentences import confident, listed
 from ldt_core.base.settings import HOLDOUT
 from ldt_core.cli.completion import known
 from ldt_core.cli.console import Console
@@ -204,8 +204,9 @@ def _print_each(answers: Sequence[RecordingAnswer], out: Path, as_json: bool) ->
         echo_json(listed, indent=1)
         return
     table = Table(title="verdicts")
-    for column in ("recording", "verdict", "effects", "explains", "error, rad/s"):
-        table.add_column(column, justify="right" if column == "explains" else "left")
+    for column in ("recording", "verdict", "effects", "confidence", "explains", "error, rad/s"):
+        right = column in ("confidence", "explains")
+        table.add_column(column, justify="right" if right else "left")
     for a in answers:
         table.add_row(*_row(a))
     console = Console(wide=True)
@@ -215,13 +216,14 @@ def _print_each(answers: Sequence[RecordingAnswer], out: Path, as_json: bool) ->
 
 def _row(a: RecordingAnswer) -> list[str]:
     if a.found is None:
-        return [a.recording, "failed", "", "", ""]
+        return [a.recording, "failed", "", "", "", ""]
     verdict, gap = a.found["verdict"], a.found["gap"]
     effects = " and ".join(" or ".join(group) for group in verdict["acting"])
     closed = "" if gap["closed_fraction"] is None else f"{gap['closed_fraction']:.1%}"
     was, now = gap["before"]["rmse"], gap["after"]["rmse"]
     change = f"{was:.3g}" if was == now else f"{was:.3g} to {now:.3g}"
-    return [a.recording, verdict["kind"], effects, closed, change]
+    sure = f"{verdict['confidence']:.0%}"
+    return [a.recording, verdict["kind"], effects, sure, closed, change]
 
 
 def _print(found: Diagnosis, folder: Path) -> None:
@@ -231,6 +233,7 @@ def _print(found: Diagnosis, folder: Path) -> None:
 
     console = Console()
     console.print(found.verdict.sentence)
+    console.print(confident(found.verdict.confidence))
     if found.verdict.kind != "none":
         table = Table(title="what was tried, and what it explains alone of the gap held out")
         for column in ("effect", "explains", "amount", "verdict"):

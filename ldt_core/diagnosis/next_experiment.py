@@ -10,7 +10,7 @@ import numpy as np
 
 from ldt_core.base.arrays import Array
 from ldt_core.base.experiment import Experiment
-from ldt_core.base.sentences import number
+from ldt_core.base.sentences import listed, number, spoken
 from ldt_core.diagnosis.diagnosis import NextExperiment
 from ldt_core.diagnosis.effect_fit import EffectFit, by_member, used
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
@@ -45,16 +45,22 @@ def next_experiment(
             worth = power if not current or measured else power / CURRENT_SENSOR_GAIN
             if best is None or worth > best[0]:
                 with_current = " with the current measured" if current and not measured else ""
-                names = [" and ".join(f.names) for f in alike]
-                told = ", ".join(names[:-1]) + " and " + names[-1]
                 why = (
-                    f"{name}{with_current} tells {told} apart: one such experiment moves them "
-                    f"{number(math.sqrt(power))} noise deviations from each other, at least"
+                    f"{name}{with_current} tells {apart([f.names for f in alike])} apart: one such "
+                    f"experiment moves them {number(math.sqrt(power))} noise deviations from each "
+                    "other, at least"
                 )
                 period = residuals.experiments[0].period
                 best = worth, NextExperiment(why, [float(v) for v in volts], period, channels)
                 enough = power
     return best[1] if best is not None and enough > THRESHOLDS.settling_distance else None
+
+
+def apart(sets: Sequence[Sequence[str]]) -> str:
+    """The names of sets of effects in words, by what not all of them have."""
+    common = set.intersection(*map(set, sets))
+    own = [[spoken(n) for n in names if n not in common] for names in sets]
+    return listed(" with ".join(n) or "its absence" for n in sorted(own, key=bool, reverse=True))
 
 
 def _designs(residuals: FreeRunResiduals, seed: int) -> list[tuple[str, Array]]:

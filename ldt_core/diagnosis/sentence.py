@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from ldt_core.base.sentences import listed, measured, plain, spoken
+from ldt_core.base.sentences import listed, measured, number, plain, spoken
 from ldt_core.diagnosis.diagnosis import (
     Gap,
     GapLocation,
@@ -15,6 +15,7 @@ from ldt_core.diagnosis.diagnosis import (
     ParameterAmount,
 )
 from ldt_core.diagnosis.thresholds import THRESHOLDS
+from ldt_core.physics.effect import Effect
 
 COMMON_RANGE = 0.5  # of two ranges together: where both hold more, one of them is said
 WHOLE_GAP = 0.9  # share of the gap in a place: with less, the share is said
@@ -174,6 +175,15 @@ def values(parameters: Mapping[str, ParameterAmount]) -> str:
         equals = "" if a.ci95 is None else "= "
         parts.append(f"{name} {equals}{measured(a.value, a.unit, a.ci95)}")
     return ", ".join(parts)
+
+
+def grown(effect: Effect, known: Mapping[str, float], now: Mapping[str, float]) -> str:
+    """What has become of an effect that the machine file knows."""
+    changes = listed(
+        f"{p.name} {number(known[p.name])} to {number(now[p.name])} {p.unit}".rstrip()
+        for p in effect.parameters
+    )
+    return f"{spoken(effect.name)}, from the machine file's to what is found: {changes}"
 
 
 def applied(then: NextExperiment) -> str:

@@ -61,7 +61,7 @@ from ldt_core.diagnosis.residual_torque import (
     depends_on,
     residual_torque,
 )
-from ldt_core.diagnosis.sentence import not_measured, not_seen, not_standing, sentence
+from ldt_core.diagnosis.sentence import grown, not_measured, not_seen, not_standing, sentence
 from ldt_core.diagnosis.simulated_experiments import Used
 from ldt_core.diagnosis.standing import Standing, unlike
 from ldt_core.diagnosis.thresholds import THRESHOLDS
@@ -196,7 +196,7 @@ class VerdictReport:
             where=where,
             candidates=[*self._ranked(found, before, noise), *self._nominal_row(refit, before)],
             remainder=Remainder(left, d.structured, depends),
-            undetectable=silent,
+            undetectable=[name for name in silent if name not in effects],
             ambiguities=self._all_groups(groups, acting),
             next_experiment=self._next(),
             refit=refit,
@@ -258,7 +258,9 @@ class VerdictReport:
         early = self.search.spent and self.decision.kind != "none"
         limit = "the search ended at its limit of work: other sets of effects were not tried"
         other = as_well(self.named, self.decision.alike)
-        told = (f"{few} {same}" if cut else "", self.beside, units, first, ends, scale, more, other)
+        told = [f"{few} {same}" if cut else "", self.beside, units, first, ends, scale, more, other]
+        known = {effect.name: values for effect, values in self.machine.effects}
+        told += [grown(e, known[e.name], given) for e, given in self.use if e.name in known]
         return [note for note in (*told, limit if early else "") if note]
 
     def _may_act_too(self) -> str:

@@ -22,6 +22,7 @@ from ldt_core.base.experiment import (
     rms,
 )
 from ldt_core.base.own_process import undivided
+from ldt_core.base.sentences import confident
 from ldt_core.base.settings import resolve
 from ldt_core.base.threads import one_thread
 from ldt_core.diagnosis.diagnose import diagnose
@@ -350,8 +351,9 @@ def _record(found: Found, signal: Signal) -> DiagnosisRecord:
         values["cause"] = cause
     for effect, given in found.known.use:
         values |= {f"{AMOUNT_PREFIX}{effect.name}.{name}": float(v) for name, v in given.items()}
+    said = f"{verdict.sentence} {confident(verdict.confidence)}"
     return DiagnosisRecord(
-        signal.experiment, signal.model_version, verdict.sentence, tuple(verdict.effects), values
+        signal.experiment, signal.model_version, said, tuple(verdict.effects), values
     )
 
 

@@ -219,7 +219,7 @@ def test_experiments_of_another_sample_period_are_not_mixed_in():
 def test_the_record_has_the_scalars_of_the_diagnosis():
     """By dotted name, undefined ones null; and nothing that is a list or an object."""
     _, (answer,), _ = fed([0.008], "+")
-    assert answer.sentence == "It is effect."
+    assert answer.sentence.startswith("It is effect. Confidence: ")
     assert answer.effects == ("unbalance",)
     assert answer.values["gap.closed_fraction"] == 0.9
     assert answer.values["gap.before.rmse"] == 1.0

@@ -7,7 +7,9 @@ from dataclasses import replace
 import pytest
 
 from ldt_core.diagnosis.diagnosis import Gap, GapLocation, HeldOutErrors, ParameterAmount
-from ldt_core.diagnosis.sentence import sentence
+from ldt_core.diagnosis.next_experiment import apart
+from ldt_core.diagnosis.sentence import grown, sentence
+from ldt_core.effects import get_effect
 
 GAP = Gap(0.1, HeldOutErrors(2.0, 5.0), HeldOutErrors(2.0, 5.0), None, None, [])
 
@@ -81,3 +83,18 @@ def test_what_a_cause_leaves_beyond_the_noise_is_said_to_have_none(left, more):
     amount = {"inertia": {"factor": ParameterAmount(0.55, "", (0.53, 0.57))}}
     words = sentence("rig", "effect", [["inertia"]], amount, gap, (), 0.0)
     assert ("its cause is not known" in words) is more
+
+
+def test_sets_that_are_alike_are_named_by_what_not_all_of_them_have():
+    """ "tells inertia and coulomb_friction and inertia and stribeck_friction apart" named four."""
+    sets = [("inertia", "coulomb_friction"), ("inertia", "stribeck_friction", "sensor_lag")]
+    assert apart(sets) == "coulomb friction and stribeck friction with sensor lag"
+    assert apart([("inertia",), ("inertia", "sensor_lag")]) == "sensor lag and its absence"
+
+
+def test_of_what_the_machine_file_knows_both_values_are_told():
+    """A friction that had grown by 40 % showed its new amount alone."""
+    words = grown(get_effect("coulomb_friction"), {"torque": 0.0249}, {"torque": 0.0349})
+    assert words == (
+        "coulomb friction, from the machine file's to what is found: torque 0.0249 to 0.0349 N m"
+    )
