@@ -62,6 +62,8 @@ class Summary:
         self.faulty = 0
         #: Experiments that came again, and were left out.
         self.repeated = 0
+        #: What is said of the last new model; "" where there was none.
+        self.learned = ""
         #: Verdicts of the diagnoses that were made, in their order.
         self.diagnoses: list[DiagnosisRecord] = []
         #: What people were advised last.
@@ -128,6 +130,11 @@ class Summary:
     def add_adaptation(self, adaptation: Adaptation) -> None:
         """Take in what the adaptor did with one experiment."""
         self._actions[Action(adaptation.action)] += 1
+        if adaptation.action is Action.ADAPTED:
+            change, since, _ = adaptation.reason.partition("; version")
+            when = f"The last new model, at experiment {adaptation.number}: "
+            known = since and change.startswith("since experiment")
+            self.learned = f"S{change[1:]}." if known else f"{when}{adaptation.reason}."
         if adaptation.details.get(PAUSED):
             self.note("learning was switched off for a while")
         if adaptation.details.get(DOUBTFUL) and DOUBTFUL not in self._noted:
@@ -231,6 +238,7 @@ class Summary:
             "mme_original": self.mme_original,
             "left": self.left,
             "outcome": self.outcome,
+            "learned": self.learned,
             "states": self.states,
             "last_state": self.last_state[1].name if self.last_state else None,
             "positives": self.positives,

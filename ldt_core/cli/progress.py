@@ -279,6 +279,7 @@ def _print_table(runs: Sequence[tuple[str, Summary, str]], settings: Mapping[str
         told = [f"diagnosis at experiment {d.experiment}: {d.sentence}" for d in shown]
         few = len(runs) <= MAX_COLUMNS  # else the table's rows say it
         lines = [f"{machine}: {summary.outcome}"] if few and summary.outcome else []
+        lines += [f"{machine}: {summary.learned}"] if few and summary.learned else []
         lines += [f"{machine}, {words}" for words in told]
         if (before := len(summary.diagnoses) - MAX_DIAGNOSES) > 0:
             lines.append(f"{machine}: {before} earlier diagnos{'is' if before == 1 else 'es'}")

@@ -53,6 +53,7 @@ def test_a_run_by_hand():
         "left": 2.0 / 3.75,
         "outcome": "Learning helped: the error is 53 % of the original model's "
         "(2.00 of 3.75 rad/s).",
+        "learned": "The last new model, at experiment 4: by hand.",
         "states": {**dict.fromkeys(STATES, 0), "not_judged": 4},
         "last_state": "",
         "positives": 2,
@@ -182,3 +183,26 @@ def test_errors_of_free_runs_by_hand():
     error.add(np.array([0.0, 0.0, 0.0, 0.0, 0.0, 2.0]))
     expected = {"experiments": 2, "rmse": np.sqrt(29 / 8), "mean_max_error": 3.0}
     assert error.as_dict() == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    ("reason", "said"),
+    [
+        (
+            "since experiment 3: inertia has grown to a factor of 1.2; version 1 has a new cause",
+            "Since experiment 3: inertia has grown to a factor of 1.2.",
+        ),
+        (
+            "version 1 learned from experiment 2 and does best in this one",
+            "The last new model, at experiment 3: version 1 learned from experiment 2 and does "
+            "best in this one.",
+        ),
+    ],
+)
+def test_a_summary_says_what_has_changed(reason, said):
+    """A run ended with its errors alone: why reality left the model stood in its records."""
+    summary = Summary()
+    assert summary.learned == ""
+    summary.add_adaptation(Adaptation(3, Action.ADAPTED, 1, reason))
+    summary.add_adaptation(Adaptation(4, Action.KEPT, 1, "the model explains it; version 1 stays"))
+    assert summary.learned == said == summary.as_dict()["learned"]

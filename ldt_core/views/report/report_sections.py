@@ -75,7 +75,8 @@ def answer(run: ReportedRun) -> Answer:
     alarms = counted(summary.positives, "alarm") if summary.positives else "no alarm"
     happened = f"There {'was' if summary.positives < 2 else 'were'} {alarms}"
     models = counted(summary.adaptations, "new model") if summary.adaptations else "no new model"
-    sentence += f" {happened}, and {models} took over.{_blamed(run)}{_unjudged(run)}"
+    learned = f" {summary.learned}" if summary.learned else ""
+    sentence += f" {happened}, and {models} took over.{learned}{_blamed(run)}{_unjudged(run)}"
     state = headline_state(last)
     asides = [f"since experiment {_since(run)}" if _since(run) != last.experiment else ""]
     beside = times_noise(last.adequacy)
