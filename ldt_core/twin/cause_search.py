@@ -10,7 +10,9 @@ import numpy as np
 
 from ldt_core.base.experiment import Experiment
 from ldt_core.base.pausable import Pausable, finished, within
+from ldt_core.base.sentences import listed
 from ldt_core.base.threads import one_thread
+from ldt_core.diagnosis.thresholds import THRESHOLDS
 from ldt_core.models.base import Model
 from ldt_core.models.grey_box import GreyBoxModel
 from ldt_core.twin.candidates import POOL, Candidates
@@ -225,11 +227,18 @@ class CauseSearch:
 
 def anew(model: Model) -> str:
     """What a version does that has learned more with the same causes."""
-    if not isinstance(model, GreyBoxModel) or model.effects:
+    if not isinstance(model, GreyBoxModel):
         return "estimates its causes anew"
-    far = float(np.abs(model.q).max(initial=0.0))
-    own = "estimates the machine's own parameters anew"
-    return f"{own}, up to {far:.1f} tolerances from the file's"
+    names = model.box.uncertain
+    far = np.abs(model.q[: len(names)])
+    moved = not model.effects or far.max(initial=0.0) > THRESHOLDS.prior_deviations
+    what = ["its causes"] if model.effects else []
+    what += ["the machine's own parameters"] if moved else []
+    words = f"estimates {listed(what)} anew"
+    if not (moved and names):
+        return words
+    most = int(np.argmax(far))
+    return f"{words}, {names[most]} {far[most]:.1f} tolerances from the file's"
 
 
 def granted(beside: CauseSearch | None) -> int:

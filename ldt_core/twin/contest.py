@@ -164,7 +164,14 @@ class ContestAdaptor(KnownVersions):
                 return self._learned_by(more, anew(more), experiment, {})
             if version is before and why:
                 return Action.REFUSED, f"{why}; {stays}", {}
-        if version and (next_one := self._returns(version, experiment)):
+        next_one = self._returns(version, experiment) if version else None
+        if version and next_one is not None:
+            learned_from = self.learned_from
+            with one_thread():
+                tied = finished(self.candidates.told_apart(before, learned_from, [experiment]))
+            # A machine that has one cause all along is likelier than one that changes to and fro.
+            if tied is not None and not self._fails_before(tied[0], experiment):
+                return self._learned_by(*tied, experiment, {})
             origin = f"is version {next_one.version} again"
             if next_one is not version:
                 often = f"version {version.version} explains it, but the machine changes so often"

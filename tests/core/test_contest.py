@@ -532,3 +532,31 @@ def test_a_tie_is_told_apart_by_the_first_experiment_that_can(truth):
     same = {truth, "input_bias"} if truth == "constant_load" else {truth}  # no speed shows which
     (named,) = (e.name for e in twin.model.effects)
     assert named in same
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [4, 5])
+def test_one_cause_all_along_comes_before_a_machine_that_changes_to_and_fro(seed):
+    """A shaft at rest shows no friction, and the file explains that as well.
+
+    The friction was a load, before, and the load "has gone" where nothing moved. A fan whose file
+    lacked its friction got eight new models for one change.
+    """
+    machine = ldt.Machine("dc_motor")
+    twin, random = Twin(machine), np.random.default_rng(seed)
+    friction = get_effect("stribeck_friction")
+    use = [friction.used({"torque": 0.02, "static": 0.01, "velocity": 3.0})]
+    told = []
+    for k in range(1, 9):
+        volts = np.repeat(random.uniform(2.0 if 4 <= k < 7 else -9.0, 9.0, 8), 50)
+        volts *= k not in (2, 7)
+        start = machine.model.initial_state(machine.parameters, 0.0)
+        acting = use if k >= 4 else []
+        states = machine.model.simulate(machine.parameters, volts, 0.01, start, acting)
+        speed = states[:, 1] + 0.1 * random.standard_normal(volts.size)
+        step = twin.step(ldt.Experiment(k, 10.0 * k, 0.01, voltage=volts, speed=speed))
+        told.append(step.adaptation.reason)
+    assert "constant load has grown" in told[3]
+    assert "has gone" not in told[6]
+    assert "explains both" in told[6]
+    assert "the model explains it" in told[7]
