@@ -16,6 +16,9 @@ from ldt_core.recording.messages import quoted
 LACKING = ("", "null")  # in small letters; "nan" is what a program computed, and is refused
 #: A date and the time of day, as loggers write them.
 DATE = re.compile(r"\s*\d{4}-\d\d-\d\d[T ]\d\d:\d\d")
+#: Day, month, year and hour of one with dots, and what follows; a slash would not tell the order.
+DOTTED = re.compile(r"(\d\d?)\.(\d\d?)\.(\d{4})[T ](\d\d?)(:\d\d.*)")
+EXAMPLES = "2026-03-31T08:00:00.5 or 31.03.2026 08:00:00,5"
 #: What may be thousands: groups of three digits, and no zero before them.
 GROUPED = re.compile(r"\s*[+-]?[1-9]\d{0,2}([.,]\d{3})+\s*")
 #: Between digits → what is expected in its place.
@@ -59,7 +62,7 @@ class CsvColumn:
                 raise ValueError("each cell by itself")
             values = np.array(cells, dtype=np.float64)
         except ValueError:
-            self._dates = self._dated and is_date(cells[0])
+            self._dates = self._dated and (self._dates or is_date(cells[0]))
             number = seconds if self._dates else _number
             values = np.array([number(c) for c in cells])
         bad = [int(k) for k in np.flatnonzero(~np.isfinite(values))]
@@ -76,14 +79,17 @@ class CsvColumn:
         Raises:
             RecordingError: a cell is no finite number, or decimal commas and points are mixed.
         """
-        if len(self._first) > 1:
+        clock = self._bad is not None and ":" in self._bad[1]
+        if len(self._first) > 1 and not (self._dates or clock):
             raise self._separated_otherwise(path, ".", "elsewhere in this column")
         if self._bad is not None:
             line, cell = self._bad
             got = quoted(cell) if cell.strip() else "an empty cell"
             more = f" ({self._bad_count} such cells)" if self._bad_count > 1 else ""
             where = f"{path}, line {line}, {self._where}"
-            date = ", or a date such as 2026-03-01T08:00:00.5" if self._dated else ""
+            date = f", or a date such as {EXAMPLES}" if self._dated else ""
+            if is_date(cell) and not self._dated:
+                date = " (a date is taken for --time alone, and has no unit)"
             empty = ", or an empty cell to skip the row" if self._lacking else ""
             raise RecordingError(where, f"a finite number{date}{empty}", got + more)
         return np.concatenate(self._blocks)
@@ -122,12 +128,15 @@ def _number(cell: str) -> float:
 
 
 def is_date(cell: str) -> bool:
-    """Whether a cell is a date with a time of day in the order of ISO 8601.
+    """Whether a cell is a date with a time of day: in the order of ISO 8601, or with dots.
 
     >>> is_date("2026-03-01T08:00:00.010Z"), is_date("2026-03-01 08:00"), is_date("20260301")
     (True, True, False)
+    >>> is_date("31.03.2026 8:00:00,010"), is_date("31.03.26 08:00"), is_date("03/31/2026 08:00")
+    (True, False, False)
     """
-    return DATE.match(cell) is not None and bool(np.isfinite(seconds(cell)))
+    dated = DATE.match(cell) or DOTTED.fullmatch(cell.strip())
+    return dated is not None and bool(np.isfinite(seconds(cell)))
 
 
 def seconds(cell: str) -> float:
@@ -137,9 +146,15 @@ def seconds(cell: str) -> float:
 
     >>> seconds("1970-01-01T00:01:00.5"), seconds("1970-01-01T01:00:00+01:00")
     (60.5, 0.0)
+    >>> seconds("1.1.1970 00:01:00,5")
+    60.5
     """
+    text = cell.strip()
+    if dotted := DOTTED.fullmatch(text):
+        day, month, year, hour, rest = dotted.groups()
+        text = f"{year}-{month:0>2}-{day:0>2}T{hour:0>2}{rest}"
     try:
-        date = datetime.fromisoformat(cell.strip())
+        date = datetime.fromisoformat(text)
     except ValueError:
         return np.nan
     return (date if date.tzinfo else date.replace(tzinfo=UTC)).timestamp()

@@ -2,8 +2,8 @@
 
 Understands what loggers and spreadsheets write: comma, semicolon, tab, bar or blanks between cells,
 decimal commas, quotes, a byte-order mark, comment lines (# or %), a header or none, a row of units
-below it, dates with a time (ISO 8601), gzip. It is read as a stream: in memory are
-the numbers of the columns that are asked for.
+below it, dates with a time (ISO 8601, or 31.12.2026 08:00), gzip. It is read as a stream: in memory
+are the numbers of the columns that are asked for.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from ldt_core.base.bounded_file import open_regular
 from ldt_core.base.errors import RecordingError, did_you_mean
 from ldt_core.base.experiment import Samples
 from ldt_core.base.sentences import counted
-from ldt_core.recording.csv_column import LACKING, CsvColumn, is_number
+from ldt_core.recording.csv_column import LACKING, CsvColumn, is_date, is_number
 
 GZIP_MAGIC = b"\x1f\x8b"
 #: First bytes → how the text is encoded; the longer one first.
@@ -83,6 +83,24 @@ class CsvTable:
         numbers = {str(index): unit for index, unit in enumerate(self.units, 1)}
         return {**numbers, **dict(zip(self.names, self.units, strict=False))}
 
+    @property
+    def dated(self) -> list[int]:
+        """Indices of the columns that hold dates."""
+        return [i for i, cell in enumerate(self._first_row()) if is_date(cell)]
+
+    @property
+    def unnamed(self) -> bool:
+        """Whether a column that holds something has no name: the names may stand further below."""
+        cells = zip(self.names, self._first_row(), strict=False)
+        return any(cell.strip() and not name for name, cell in cells)
+
+    def described(self, index: int) -> str:
+        """A column in words: its name, the unit below it, whether it holds dates."""
+        if not self.headed:
+            return f"column {index + 1} of {len(self.names)} without names"
+        unit = f" in {self.units[index]}" if self.units[index] else ""
+        return f"{self.names[index]!r}{unit}{' with dates' if index in self.dated else ''}"
+
     def column(self, name: str) -> int:
         """Index of a column by its header, or by its number from 1.
 
@@ -97,8 +115,9 @@ class CsvTable:
             )
         if name.isdecimal() and 1 <= int(name) <= len(self.names):
             return int(name) - 1
-        expected = f"{did_you_mean(name, self.names)}, or a number from 1 to {len(self.names)}"
-        if "" in self.names or len(self.names) == 1:
+        known = did_you_mean(name, filter(None, self.names))
+        expected = f"{known}, or a number from 1 to {len(self.names)}"
+        if self.unnamed or len(self.names) == 1:
             expected += " (delete the lines above the row of names)"
         raise RecordingError(f"{self.path}, column", expected, repr(name))
 
@@ -256,7 +275,7 @@ class CsvTable:
         line, row = next(self._rows(), (0, []))
         if not row:
             raise RecordingError(self.path, "rows of numbers", "only empty cells")
-        if not all(is_number(cell) for cell in row if cell):
+        if not all(is_number(cell) or is_date(cell) for cell in row if cell):
             return line, [cell.strip() for cell in row]
         comments = [
             text.lstrip(" #%").rstrip("\r\n")
@@ -268,6 +287,10 @@ class CsvTable:
             if len(names) == len(row):
                 return line - 1, [name.strip() for name in names]
         return line - 1, _numbers(len(row))
+
+    def _first_row(self) -> list[str]:
+        """Of the numbers."""
+        return next((row for line, row in self._rows() if line > self._skip), [])
 
     def _find_units(self) -> list[str]:
         """The row below the names without its brackets, where it has words instead of numbers."""

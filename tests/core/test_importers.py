@@ -120,6 +120,37 @@ def test_dates_are_times(tmp_path, zone):
             load(path, **wrong)
 
 
+def dated(folder: Path, form: str, head: str = "t;u;n\n") -> Path:
+    lines = [f"{form.format(t)};{u};{n}\n" for t, u, n in zip(TIME, VOLTS, SPEED, strict=True)]
+    return table(folder / "x.csv", head + "".join(lines).replace(".", ",").replace("_", "."))
+
+
+def test_dates_with_dots_are_times(tmp_path):
+    """As German loggers write them: the day comes first. Also where no line names the columns."""
+    form = "2_3_2026 8:00:0{:.3f}"
+    for name, head in (("t", "t;u;n\n"), ("1", "")):
+        path = dated(tmp_path, form, head)
+        (one,) = load(path, time=name, voltage="2", speed="3").experiments
+        assert one.start == 1772438400
+        assert one.voltage.tolist() == VOLTS.tolist()
+
+
+@pytest.mark.parametrize(
+    "form", ["02_03_26 08:00:0{:.3f}", "03/02/2026 08:00:0{:.3f}", "32_03_2026 08:00:0{:.3f}"]
+)
+def test_a_date_that_cannot_be_told_says_how_dates_are_read(tmp_path, form):
+    """Not that its decimals are wrong."""
+    told = "line 2, column 't': expected a finite number, or a date such as 2026-03-31T08:00:00.5"
+    with pytest.raises(RecordingError, match=re.escape(told)):
+        load(dated(tmp_path, form))
+
+
+def test_a_date_is_told_to_have_no_unit(tmp_path):
+    """Which it was asked for once."""
+    with pytest.raises(RecordingError, match="a date is taken for --time alone, and has no unit"):
+        load(dated(tmp_path, "02_03_2026 08:00:0{:.3f}"), time="t:ms")
+
+
 def test_a_table_without_time_takes_the_sample_period(tmp_path):
     """One of the two is needed."""
     path = table(tmp_path / "x.csv", PLAIN)
