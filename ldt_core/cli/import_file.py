@@ -1,7 +1,8 @@
-"""`ldt import`: a CSV file or a foreign bag becomes a recording."""
+"""`ldt import`: CSV files or foreign bags become a recording."""
 
 from __future__ import annotations
 
+import itertools
 import shlex
 from collections.abc import Sequence
 from pathlib import Path
@@ -9,23 +10,26 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ldt_core.base.errors import OptionError, RecordingError
+from ldt_core.base.errors import BadInput, OptionError, RecordingError
 from ldt_core.base.printable import as_argument, one_line
-from ldt_core.base.sentences import counted
+from ldt_core.base.sentences import counted, some
 from ldt_core.cli.options import declared_option, json_option, out_option
-from ldt_core.cli.outputs import force_option, replacing
+from ldt_core.cli.outputs import force_option, nothing_if_refused, replacing
 from ldt_core.cli.terminal import echo_result
 
 if TYPE_CHECKING:
+    from ldt_core.base.experiment import Experiment
     from ldt_core.recording.csv_table import CsvTable
 
 MOST_COLUMNS = 12  # of a table that are listed
 ASKED = ("voltage", "speed", "time")  # of which a column each is asked for
+LENGTH = 10  # s of an experiment; proposed for what gives two of them or more
+SHOWN = 3  # files named in a sentence
 UNIT_HELP = "with a unit if it is not SI, for example"
 
 
-@click.command("import", short_help="Turn a CSV file or a foreign bag into a recording.")
-@click.argument("file")
+@click.command("import", short_help="Turn CSV files or a foreign bag into a recording.")
+@click.argument("files", nargs=-1, required=True)
 @out_option
 @force_option
 @click.option(
@@ -54,8 +58,8 @@ UNIT_HELP = "with a unit if it is not SI, for example"
     "--length",
     type=float,
     metavar="SECONDS",
-    help="Cut into experiments of this length; a remainder is dropped. With --cut trigger it "
-    "counts from the edge, with --cut steady it is the longest.",
+    help="Cut each file into experiments of this length; a remainder is dropped. With --cut "
+    "trigger it counts from the edge, with --cut steady it is the longest.",
 )
 @declared_option("cut")
 @declared_option("trigger_level")
@@ -64,7 +68,7 @@ UNIT_HELP = "with a unit if it is not SI, for example"
 @declared_option("steady_time")
 @json_option
 def command(
-    file: str,
+    files: tuple[str, ...],
     out: str,
     force: bool,
     voltage: str | None,
@@ -76,60 +80,80 @@ def command(
     as_json: bool,
     **cut: Any,
 ) -> None:
-    """Turn FILE, a CSV file (also .gz) or a foreign bag, into a recording of experiments.
+    """Turn FILES, CSV files (also .gz) or foreign bags, into one recording of experiments.
+
+    Several files have the same columns. Each gives one experiment or more, in the order given.
 
     Example: ldt import motor.csv --voltage u --speed n:rpm --time t --length 2 --out motor
     """
     from ldt_core.base.stopping import stop_on_signals, until_stopped
-    from ldt_core.machine.direction_check import swapped
-    from ldt_core.recording.importers import import_file, is_bag
+    from ldt_core.machine.direction_check import MOST_SAMPLES, swapped
+    from ldt_core.recording.importers import import_files, is_bag
     from ldt_core.recording.writer import BagWriter
 
     if voltage is None or speed is None:
         named = {"voltage": voltage, "speed": speed}
-        raise _fields_missing(file, [name for name, field in named.items() if field is None])
-    if time is None and sample_period is None and not is_bag(Path(file)):
-        raise _fields_missing(file, ["time or --sample-period"])
-    imported = import_file(
-        file,
-        voltage=voltage,
-        speed=speed,
-        current=current,
-        time=time,
-        sample_period=sample_period,
-        length=length,
-        cut=cut,
-    )
-    with stop_on_signals() as stop, replacing(out, force, [file]), BagWriter(out) as writer:
-        for experiment in until_stopped(imported.experiments, stop):
-            writer.write("experiment", experiment, experiment.end)
-    first = imported.experiments[0]
-    notes = list(imported.notes)
-    if question := swapped(imported.experiments):
-        notes.append(f"{question} If so, import again with --force and the other way round")
+        raise _fields_missing(files, [name for name, field in named.items() if field is None])
+    if time is None and sample_period is None and not is_bag(Path(files[0])):
+        raise _fields_missing(files, ["time or --sample-period"])
+    fields = {"voltage": voltage, "speed": speed, "current": current, "time": time}
+    imports = import_files(files, **fields, sample_period=sample_period, length=length, cut=cut)
+    imports = itertools.chain([next(imports)], imports)  # refused before anything is set aside
+    parts: list[dict[str, Any]] = []  # of the recording, one a file
+    notes: dict[str, list[str]] = {}  # → files of which they are true
+    shown: list[Experiment] = []
+    samples: list[int] = []
+    doubted = False
+    with (
+        stop_on_signals() as stop,
+        replacing(out, force, files),
+        BagWriter(out) as writer,
+        nothing_if_refused(writer),
+    ):
+        for file, imported in zip(files, imports, strict=True):
+            made = imported.experiments
+            for experiment in until_stopped(made, stop):
+                writer.write("experiment", experiment, experiment.end)
+            shown += made if sum(map(len, shown)) < MOST_SAMPLES else []
+            samples += map(len, made)
+            doubted = doubted or bool(imported.doubts)
+            numbers = [made[0].number, made[-1].number]
+            parts.append({"file": file, "content": imported.content, "experiments": numbers})
+            for note in imported.notes:
+                notes.setdefault(note, []).append(file)
+            del imported, made  # before the next file needs their memory
+    told = [
+        note if len(true) == len(files) else f"{some(true, SHOWN)}: {note}"
+        for note, true in notes.items()
+    ]
+    if question := swapped(shown):
+        told.append(f"{question} If so, import again with --force and the other way round")
+    period = shown[0].period
     record = {
-        "experiments": len(imported.experiments),
-        "samples": len(first),
-        "sample_period": first.period,
-        "notes": notes,
+        "experiments": len(samples),
+        "samples": samples[0],
+        "sample_period": period,
+        "files": parts,
+        "notes": told,
         "recording": out,
     }
-    sizes = sorted({len(e) for e in imported.experiments})
-    samples = " to ".join(str(size) for size in dict.fromkeys((sizes[0], sizes[-1])))
-    alone = len(imported.experiments) == 1 and length is None
+    sizes = " to ".join(str(size) for size in dict.fromkeys((min(samples), max(samples))))
     machine_file = f"ldt identify {as_argument(out)} --out FILE.yaml"
     steps = [f"Next, a machine file: {machine_file}"]
-    if imported.doubts:
+    if doubted:
         again = "if a unit is another, import again with --force and the option above"
         steps = [f"Next, {again}", f"If none is, a machine file: {machine_file}"]
-    cut_it = "A twin learns from one experiment to the next: --length 10 cuts this one every 10 s"
+    if len(samples) == 1 and length is None:
+        way = "import several files, or cut this one by --length"
+        if samples[0] * period >= 2 * LENGTH:
+            way = f"--length {LENGTH} cuts this one every {LENGTH} s"
+        steps.insert(0, f"A twin learns from one experiment to the next: {way}")
     echo_result(
         as_json,
         record,
-        *map(one_line, notes),
-        *([cut_it] if alone else []),
-        f"{counted(len(imported.experiments), 'experiment')} of {samples} samples at "
-        f"{1 / first.period:.6g} Hz: {out}",
+        *(one_line(_part(**part)) for part in parts),
+        *map(one_line, told),
+        f"{counted(len(samples), 'experiment')} of {sizes} samples at {1 / period:.6g} Hz: {out}",
         *map(one_line, steps),
         one_line(
             f"Then what it lacks: ldt diagnose {as_argument(out)} --machine FILE.yaml --out why"
@@ -137,19 +161,25 @@ def command(
     )
 
 
-def _fields_missing(file: str, names: Sequence[str]) -> OptionError:
-    """What FILE has, and the command that imports it, as far as its columns' names tell."""
+def _part(file: str, content: str, experiments: Sequence[int]) -> str:
+    first, last = experiments
+    numbers = f"experiment {first}" if first == last else f"experiments {first} to {last}"
+    return f"{file}: {content}, {numbers}"
+
+
+def _fields_missing(files: Sequence[str], names: Sequence[str]) -> OptionError:
+    """What the first file has, and the command that imports all, as far as columns' names tell."""
     from ldt_core.recording.importers import is_bag
 
     where = " and ".join(f"--{name}" for name in names)
-    if is_bag(Path(file)):
-        return OptionError(where, f"its topic and field; ldt info {as_argument(file)}", "none")
-    columns, proposed = proposed_import(file)
+    if is_bag(Path(files[0])):
+        return OptionError(where, f"its topic and field; ldt info {as_argument(files[0])}", "none")
+    columns, proposed = proposed_import(files)
     return OptionError(where, f"one of the columns {columns}, as in: {proposed}", "none")
 
 
-def proposed_import(file: str) -> tuple[str, str]:
-    """(columns of a table, the command that imports it): their names and units tell which is which.
+def proposed_import(files: Sequence[str]) -> tuple[str, str]:
+    """(columns of the first table, the command that imports all): their names and units tell them.
 
     Where they do not, each column's range helps; the only one that always rises is the time.
 
@@ -159,34 +189,61 @@ def proposed_import(file: str) -> tuple[str, str]:
     from ldt_core.base.units import propose_fields
     from ldt_core.recording.csv_table import CsvTable
 
-    table = CsvTable(file)
-    shown = table.names[:MOST_COLUMNS]
-    columns = [repr(name) if table.headed else name for name in shown]
-    found = propose_fields(dict(zip(table.names, table.units, strict=False)))
+    table = CsvTable(files[0])
+    # A delimiter at the end of each row makes a column in which nothing is.
+    named = [i for i, name in enumerate(table.names) if name or table.unnamed]
+    kept, dated = named[:MOST_COLUMNS], table.dated
+    columns = [repr(table.names[i]) if table.headed else table.names[i] for i in kept]
+    found = propose_fields({table.names[i]: table.units[i] for i in named})
+    if len(dated) == 1:
+        found["time"] = table.names[dated[0]]
     if not found.keys() >= {*ASKED}:
-        ranges, rising = _contents(table, len(shown))
+        ranges, rising = _contents(table, kept)
         if ranges:
             columns = [f"{name} ({told})" for name, told in zip(columns, ranges, strict=True)]
         if len(rising) == 1:
-            found.setdefault("time", shown[rising[0]] + ":UNIT" * table.headed)
+            found.setdefault("time", table.names[rising[0]] + ":UNIT" * table.headed)
     unknown = "COLUMN:UNIT" if table.headed else "NUMBER:UNIT"
     fields = {**dict.fromkeys(ASKED, unknown), **found}
-    if fields["time"] == unknown and len(table.names) < len(ASKED):  # no column is left for it
+    if fields["time"] == unknown and len(named) < len(ASKED):  # no column is left for it
         del fields["time"]
         fields["sample-period"] = "SECONDS"
     options = " ".join(f"--{name} {shlex.quote(field)}" for name, field in fields.items())
-    more = ", ..." if len(table.names) > MOST_COLUMNS else ""
+    if len(files) == 1 and _is_long(table, fields.get("time", unknown)):
+        options += f" --length {LENGTH}"
+    more = ", ..." if len(named) > MOST_COLUMNS else ""
     numbered = "" if table.headed else " (by number, as no header line names them)"
-    if "" in shown:
+    if table.unnamed:
         numbered = " (some have no name: delete the lines above the row of names)"
+    sources = " ".join(map(as_argument, files))
     return (
         ", ".join(columns) + more + numbered,
-        f"ldt import {as_argument(file)} {options} --length 10 --out imported",
+        f"ldt import {sources} {options} --out imported",
     )
 
 
-def _contents(table: CsvTable, count: int) -> tuple[list[str], list[int]]:
-    """(range of each of the first columns, which always rise); of words beside numbers nothing.
+def _is_long(table: CsvTable, field: str) -> bool:
+    """Whether a stretch without a gap is worth being cut, as far as is known what the time is."""
+    import numpy as np
+
+    from ldt_core.base.units import parse_field
+    from ldt_core.segmenter.resampling import find_period, split_at_gaps
+
+    try:
+        found = parse_field(field, "time", table.columns)
+        index = table.column(found.name)
+        _, (time,) = table.read([index], timed=True, dated=index)
+    except BadInput:  # of which the import speaks
+        return False
+    time = time * found.factor
+    if time.size < 2 or not np.all(np.diff(time) > 0):
+        return False
+    stretches = split_at_gaps(time, find_period(time))
+    return any(time[part][-1] - time[part][0] >= 2 * LENGTH for part in stretches)
+
+
+def _contents(table: CsvTable, columns: Sequence[int]) -> tuple[list[str], list[int]]:
+    """(range of each of the columns, which always rise); of words beside numbers nothing.
 
     Raises:
         RecordingError: a cell that is no number in a table without names.
@@ -196,10 +253,10 @@ def _contents(table: CsvTable, count: int) -> tuple[list[str], list[int]]:
     from ldt_core.recording.importers import spread
 
     try:
-        _, read = table.read(range(count))
+        _, read = table.read(columns)
     except RecordingError:
         if table.headed:
             return [], []
         raise
-    rising = [i for i, values in enumerate(read) if np.all(np.diff(values) > 0)]
+    rising = [i for i, v in zip(columns, read, strict=True) if np.all(np.diff(v) > 0)]
     return [*map(spread, read)], rising

@@ -16,14 +16,18 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
-from ldt_core.base.errors import OptionError
+from ldt_core.base.errors import BadInput, OptionError
 from ldt_core.base.result_files import check_target, check_writable
 from ldt_core.base.sentences import listed
 from ldt_core.cli.terminal import warn
 from ldt_core.recording.lock import is_written
+
+if TYPE_CHECKING:
+    from ldt_core.recording.writer import BagWriter
 
 #: By which a folder shows that it is a recording, or that of a fleet's.
 RECORDING = ("metadata.yaml", "*/metadata.yaml", "*.mcap")
@@ -137,6 +141,21 @@ def replacing(
             shutil.rmtree(aside)
     except OSError as error:  # another user's, which may be renamed and not deleted
         warn(f"the earlier {place} cannot be deleted and is kept as {aside}: {error.strerror}")
+
+
+@contextmanager
+def nothing_if_refused(writer: BagWriter) -> Iterator[None]:
+    """Of a recording nothing stays where an input that comes later is refused; an interrupt leaves
+    what is written so far.
+    """
+    try:
+        yield
+    except BadInput:
+        writer.close()
+        for file in writer.path.glob("*.mcap"):
+            file.unlink()
+        (writer.path / "metadata.yaml").unlink()
+        raise
 
 
 def present_spelling(arguments: Sequence[str], flags: Sequence[str]) -> list[str]:

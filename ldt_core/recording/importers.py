@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,41 +15,55 @@ from ldt_core.base.errors import OptionError, RecordingError
 from ldt_core.base.experiment import Experiment
 from ldt_core.base.printable import as_argument
 from ldt_core.base.sentences import counted
-from ldt_core.base.units import UNITS, Field, parse_field, propose_fields
+from ldt_core.base.units import Field, parse_field, propose_fields
 from ldt_core.machine.experiment_limits import SHORTEST_PERIOD
 from ldt_core.physics.parameter import LARGEST
 from ldt_core.recording.csv_table import CsvTable
 from ldt_core.recording.message_fields import parse_field_path, read_fields
 from ldt_core.recording.storage import Storage
+from ldt_core.recording.stretches import first_gap, on_grid, stretches
+from ldt_core.recording.unit_doubts import unit_doubts
 from ldt_core.segmenter import CHANNELS, Segmenter, build_rule
 from ldt_core.segmenter.cut_rules import LEAST_SAMPLES
 from ldt_core.segmenter.resampling import (
     GAP_PERIODS,
+    GRID_TOLERANCE,
     Series,
     check_times,
     find_period,
-    fits_grid,
-    resample,
-    split_at_gaps,
 )
 
+MOVED = "times moved to follow the file before"
 LEAST_GAP = 1.5  # periods of the experiments; a stream far faster than they are may not pause less
-ROUNDING = 1e-6  # of a period: what floating point loses in a length or an end time
-# What hardly any motor does, but a column in another unit seems to do.
-SLOW, QUICK = 1.0, 1e-6  # s between samples
-#: Quantity → (largest size, in which unit, what it is then): 9549 rpm; a railway's voltage.
-RARE = {"voltage": (1000.0, "V", "mV"), "speed": (1000.0, "rad/s", "rpm")}
-#: Unit that times likely have where so many of them lie between samples: 1 Hz to 1 kHz.
-LIKELY = {"ms": 1e3, "us": 1e6, "ns": math.inf}
-MOST_SAMPLES = 100_000_000  # of a stretch; more is a period in the wrong unit
+
+
+class Layout(NamedTuple):
+    """What the files of one import have in common.
+
+    Attributes:
+        file: whose it is.
+        columns: what is read of a table, in words: name, unit below it, whether dates.
+        period: of the samples [s].
+    """
+
+    file: str
+    columns: tuple[str, ...]
+    period: float
 
 
 class Imported(NamedTuple):
-    """What an import made; what it did, and which of it speaks for another unit, in sentences."""
+    """What an import made of a file.
+
+    Attributes:
+        content: how much the file has, in words.
+        notes: what was done, and which of it speaks for another unit (`doubts`), in sentences.
+    """
 
     experiments: list[Experiment]
+    content: str
     notes: list[str]
-    doubts: Sequence[str] = ()
+    doubts: Sequence[str]
+    layout: Layout
 
 
 def import_file(
@@ -61,6 +75,7 @@ def import_file(
     sample_period: float | None = None,
     length: float | None = None,
     cut: Mapping[str, Any] | None = None,
+    like: Layout | None = None,
 ) -> Imported:
     """Experiments out of a table or a foreign recording.
 
@@ -73,6 +88,7 @@ def import_file(
             resample to instead of the one found.
         length: of each experiment [s]; None makes one experiment of each stretch without a gap.
         cut: the parameters of the group `cut`, for experiments by trigger or by steady state.
+        like: of a file that this one has to be like; without `sample_period` its period is taken.
 
     Raises:
         OptionError: an unknown unit, or options that do not go together.
@@ -88,43 +104,62 @@ def import_file(
         raise RecordingError(str(path), "a CSV file or a recording", "No such file or directory")
     path = Path(path)
     read = _from_bag if is_bag(path) else _from_table
-    series, notes = read(path, given, sample_period)
+    content, series, columns, notes = read(path, given, sample_period)
+    if like is not None:
+        for ours, theirs in zip(columns, like.columns, strict=False):
+            if ours != theirs:
+                raise RecordingError(path, f"{theirs}, as in {like.file}", ours)
     for quantity, one in series.items():
         largest = float(np.nanmax(np.abs(one.values), initial=0.0))
         if largest > LARGEST:
             where = f"{path}, {quantity} from {given[quantity]!r}"
             raise RecordingError(where, f"at most {LARGEST:g} in SI units", f"{largest:g}")
-    doubts = _doubts(series, given)
-    return _cut(str(path), series, notes + doubts, sample_period, length, cut, doubts)
+    doubts = unit_doubts(series, given)
+    notes += doubts
+    done = _cut(str(path), series, notes, sample_period, length, cut, doubts, like)
+    layout = Layout(str(path), columns, done[0].period)
+    return Imported(done, content, notes, doubts, layout)
+
+
+def import_files(paths: Sequence[str], **options: Any) -> Iterator[Imported]:
+    """The same of several files, one after the other: all have the columns and period of the first.
+
+    Experiments are numbered on. Of a file that begins before the end of the one before, as its
+    times do not say when it was recorded, all are moved by the same time to follow it.
+
+    Args:
+        options: of `import_file`.
+
+    Raises:
+        OptionError, RecordingError: as there; each names the file.
+    """
+    first: Layout | None = None
+    number, end = 0, 0.0
+    for path in paths:
+        try:
+            read = import_file(path, like=first, **options)
+        except OptionError as error:
+            if len(paths) == 1:
+                raise
+            raise OptionError(f"{path}, {error.where}", error.expected, error.got) from None
+        first = first or read.layout
+        later = end - read.experiments[0].start
+        later = later if later > GRID_TOLERANCE * first.period else 0.0
+        if number:
+            read.notes.extend([MOVED] if later else [])
+            for place, one in enumerate(read.experiments):
+                after = replace(one, number=one.number + number, start=one.start + later)
+                read.experiments[place] = after
+        number, end = read.experiments[-1].number, read.experiments[-1].end
+        if end > LATEST:
+            raise RecordingError(path, f"an end up to {LATEST:g} s", f"{end:.10g} s")
+        yield read
+        del read  # before the next file needs its memory
 
 
 def is_bag(path: Path) -> bool:
     """Whether a file is a recording by its name; else it is a table."""
     return path.is_dir() or path.name.endswith((".mcap", ".db3", ".zstd", ".bag"))
-
-
-def _doubts(series: Mapping[str, Series], given: Mapping[str, str]) -> list[str]:
-    """Where a column that names no unit has the size of another one."""
-    bare = [q for q, text in given.items() if not text.endswith(tuple(f":{u}" for u in UNITS[q]))]
-    speed, notes = series["speed"], []
-    step = float(np.median(np.diff(speed.time))) if speed.time.size > 1 else 0.0
-    slow = next((unit for unit, most in LIKELY.items() if step < most), "")
-    for quantity, (most, si, unit) in RARE.items():
-        largest = float(np.nanmax(np.abs(series[quantity].values), initial=0.0))
-        if quantity in bare and largest > most:
-            told = f"{quantity}s up to {largest:.5g} {si} are rare"
-            notes.append(_doubt(told, unit, quantity, given, unit))
-    if "time" in bare and step >= SLOW:
-        told = f"{step:g} s between samples are long"
-        notes.append(_doubt(told, slow, "time", given, slow))
-    if "time" in bare and 0 < step <= QUICK:
-        told = f"{step:.3g} s between samples are short"
-        notes.append(_doubt(told, "days, as a spreadsheet's dates", "time", given, "d"))
-    return notes
-
-
-def _doubt(told: str, named: str, quantity: str, given: Mapping[str, str], unit: str) -> str:
-    return f"{told}; if they are {named}: --{quantity} {given[quantity]}:{unit}"
 
 
 def _check_apart(given: Mapping[str, str], places: Iterable[object]) -> None:
@@ -146,7 +181,8 @@ def _check_apart(given: Mapping[str, str], places: Iterable[object]) -> None:
 
 def _from_table(
     path: Path, given: dict[str, str], sample_period: float | None
-) -> tuple[dict[str, Series], list[str]]:
+) -> tuple[str, dict[str, Series], tuple[str, ...], list[str]]:
+    """(how many rows, channels, columns in words, notes)."""
     if "time" not in given and sample_period is None:
         raise OptionError(
             "--time or --sample-period", "one of them: a table has no times", "neither"
@@ -164,7 +200,8 @@ def _from_table(
     assert sample_period is not None or "time" in values
     at = np.asarray(np.arange(lines.size) * (sample_period or 0.0), dtype=np.float64)
     times = values.pop("time", at)
-    notes = [f"{counted(lines.size, 'row')}; {_conversions(fields)}", *table.notes]
+    content = counted(lines.size, "row")
+    notes = [_conversions(fields), *table.notes]
     named = propose_fields(table.columns)
     swapped = (("voltage", "speed"), ("speed", "voltage"))
     if all(f"{named.get(q, '')}:".startswith(f"{fields[of].name}:") for q, of in swapped):
@@ -177,21 +214,21 @@ def _from_table(
             f"column {field.name} for the {q} in {field.unit} ({spread(column)})"
             for (q, field), column in zip(fields.items(), columns, strict=True)
         )
-        notes = [
-            f"{counted(lines.size, 'row')} without a header line; taken are {taken}",
-            *table.notes,
-        ]
+        content += " without a header line"
+        notes = [f"taken are {taken}", *table.notes]
         notes.append("if that is wrong, import again with --force and other FIELD:UNIT")
 
     def place(index: int) -> str:
         return f"line {lines[index]}"
 
-    return {q: Series(times, column, place) for q, column in values.items()}, notes
+    series = {q: Series(times, column, place) for q, column in values.items()}
+    return content, series, tuple(table.described(i) for i in wanted), notes
 
 
 def _from_bag(
     path: Path, given: dict[str, str], sample_period: float | None
-) -> tuple[dict[str, Series], list[str]]:
+) -> tuple[str, dict[str, Series], tuple[str, ...], list[str]]:
+    """(how many messages, channels, no columns, notes)."""
     storage = Storage(path)
     ours = any(topic.rpartition("/")[2] == "experiment" for topic in storage.topics)
     if ours and not all(text.startswith("/") for text in given.values()):
@@ -207,7 +244,7 @@ def _from_bag(
     series, timed = read_fields(storage, sources)
     series = {q: s._replace(values=s.values * fields[q].factor) for q, s in series.items()}
     sizes = ", ".join(f"{s.values.size} of {sources[q].text}" for q, s in series.items())
-    notes = [f"{sizes}; {_conversions(fields)}"]
+    notes = [_conversions(fields)]
     if "time" in series:
         times = series.pop("time").values
         series = {q: s._replace(time=times) for q, s in series.items()}
@@ -216,7 +253,7 @@ def _from_bag(
     if sources["voltage"].topic != sources["speed"].topic:
         times = np.append(series["voltage"].time, series["speed"].time[-1])
         notes.append(f"the voltage is held for up to {np.diff(times).max():.3g} s")
-    return series, notes + storage.notes
+    return sizes, series, (), notes + storage.notes
 
 
 def spread(values: np.ndarray) -> str:
@@ -239,8 +276,9 @@ def _cut(
     sample_period: float | None,
     length: float | None,
     cut: Mapping[str, Any] | None,
-    doubts: Sequence[str] = (),
-) -> Imported:
+    doubts: Sequence[str],
+    like: Layout | None,
+) -> list[Experiment]:
     """Grid, gaps, and experiments of equal length, or what the segmenter makes of the stream."""
     for one in series.values():
         check_times(where, one)
@@ -251,7 +289,7 @@ def _cut(
     if found < SHORTEST_PERIOD:
         expected = f"times {SHORTEST_PERIOD:g} s apart or more"
         raise RecordingError(where, expected, f"{found:g} s")
-    period = found if sample_period is None else sample_period
+    period = _period(where, found, sample_period, like)
     doubt = f" ({'; '.join(doubts)})" if doubts else ""
     if (last := max(one.time[-1] for one in series.values())) > LATEST:
         raise RecordingError(where, f"times up to {LATEST:g} s{doubt}", f"{last:.10g} s")
@@ -269,18 +307,19 @@ def _cut(
             expected = f"an experiment by {cut['cut']}"
             raise RecordingError(where, expected, _listed(counts) or "none")
         notes.append(f"cut by {cut['cut']}")
-        return Imported(done, [*notes, *([_listed(counts)] if counts else [])], doubts)
-    stretches = _stretches(series, found)
-    if len(stretches) > 1:
-        gaps = counted(len(stretches) - 1, "gap")
+        notes += [_listed(counts)] if counts else []
+        return done
+    parts = stretches(series, found)
+    if len(parts) > 1:
+        gaps = counted(len(parts) - 1, "gap")
         notes.append(
             f"{gaps} of more than {GAP_PERIODS:g} periods of {found:g} s, the first after "
-            f"{_gap(series, found)}; no experiment reaches over one"
+            f"{first_gap(series, found)}; no experiment reaches over one"
         )
     experiments: list[Experiment] = []
     dropped = resampled = 0
-    for part in stretches:
-        grid, columns, changed = _on_grid(part, period)
+    for part in parts:
+        grid, columns, changed = on_grid(part, period)
         resampled += changed
         step = size or grid.size
         whole = grid.size // step if step >= LEAST_SAMPLES else 0
@@ -296,7 +335,7 @@ def _cut(
                 )
             )
     if not experiments:
-        longest = max((p["speed"].time[-1] - p["speed"].time[0] for p in stretches), default=0.0)
+        longest = max((p["speed"].time[-1] - p["speed"].time[0] for p in parts), default=0.0)
         wanted = f"{length:g} s" if length is not None else f"{LEAST_SAMPLES} samples"
         raise RecordingError(
             where, f"a stretch of {wanted} without a gap", f"{longest + period:g} s at most"
@@ -307,7 +346,17 @@ def _cut(
         notes.append(
             f"{counted(dropped, 'sample')} at ends of stretches dropped: too few for an experiment"
         )
-    return Imported(experiments, notes, doubts)
+    return experiments
+
+
+def _period(where: str, found: float, wanted: float | None, like: Layout | None) -> float:
+    """[s] of the experiments; of one rate are files whose clocks differ by what a grid forgives."""
+    if wanted is not None or like is None:
+        return found if wanted is None else wanted
+    if abs(found - like.period) > GRID_TOLERANCE * like.period:
+        expected = f"samples {like.period:g} s apart, as in {like.file} (or --sample-period)"
+        raise RecordingError(where, expected, f"{found:g} s")
+    return like.period
 
 
 def _segmented(
@@ -340,61 +389,3 @@ def _segmented(
 
 def _listed(counts: Mapping[str, int]) -> str:
     return ", ".join(f"{reason}: {count}" for reason, count in counts.items())
-
-
-def _stretches(series: dict[str, Series], period: float) -> list[dict[str, Series]]:
-    """The series cut at the gaps of all channels but a voltage that has its own times.
-
-    A voltage command of its own topic may be sent only when it changes; it holds meanwhile.
-    """
-    speed = series["speed"]
-    parts = [(s.time[0], s.time[-1]) for s in _parts(speed, period)]
-    current = series.get("current")
-    if current is not None and current.time is not speed.time:
-        own = find_period(current.time) if current.time.size > 1 else period
-        spans = [(s.time[0], s.time[-1]) for s in _parts(current, own)]
-        parts = [
-            (max(a, c), min(b, d)) for a, b in parts for c, d in spans if max(a, c) <= min(b, d)
-        ]
-    begins = series["voltage"].time[0]  # before it there is no voltage
-    parts = [(max(a, begins), b) for a, b in parts if b >= begins]
-    return [{q: _between(s, a, b, q == "voltage") for q, s in series.items()} for a, b in parts]
-
-
-def _parts(series: Series, period: float) -> list[Series]:
-    cuts = split_at_gaps(series.time, period)
-    return [Series(series.time[cut], series.values[cut], series.place) for cut in cuts]
-
-
-def _between(series: Series, begin: float, end: float, held: bool) -> Series:
-    """Samples from begin to end, with the neighbours that interpolation or holding needs."""
-    first = max(int(np.searchsorted(series.time, begin, side="right")) - 1, 0)
-    last = int(np.searchsorted(series.time, end, side="right" if held else "left"))
-    cut = slice(first, last + (not held))
-    return Series(series.time[cut], series.values[cut], series.place)
-
-
-def _gap(series: dict[str, Series], period: float) -> str:
-    speed = series["speed"]
-    end = split_at_gaps(speed.time, period)[0].stop
-    return speed.place(end - 1) if end < speed.time.size else "one in the current"
-
-
-def _on_grid(part: dict[str, Series], period: float) -> tuple[np.ndarray, dict[str, Any], bool]:
-    """(times, channel → values on them, whether they were resampled)."""
-    speed = part["speed"]
-    shared = all(s.time.size == speed.time.size for s in part.values()) and all(
-        np.array_equal(s.time, speed.time) for s in part.values()
-    )
-    if shared and fits_grid(speed.time, period):
-        return speed.time, {q: s.values for q, s in part.items()}, False
-    begin = max(s.time[0] for s in part.values())
-    later = speed.time[speed.time >= begin]
-    begin = later[0] if later.size else begin  # on a measured speed, which then needs no change
-    end = min(s.time[-1] for q, s in part.items() if q != "voltage")
-    count = max((end - begin) / period + ROUNDING + 1, 0)
-    if count > MOST_SAMPLES:
-        raise OptionError("--sample-period", f"at most {MOST_SAMPLES} samples", f"{count:.3g}")
-    grid = begin + period * np.arange(int(count))
-    columns = {q: resample(s, grid, period, held=q == "voltage") for q, s in part.items()}
-    return grid, columns, True

@@ -1,0 +1,42 @@
+"""Whether a column that names no unit has the size of another one than SI."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from ldt_core.base.units import UNITS
+from ldt_core.segmenter.resampling import Series
+
+# What hardly any motor does, but a column in another unit seems to do.
+SLOW, QUICK = 1.0, 1e-6  # s between samples
+#: Quantity → (largest size, in which unit, what it is then): 9549 rpm; a railway's voltage.
+RARE = {"voltage": (1000.0, "V", "mV"), "speed": (1000.0, "rad/s", "rpm")}
+#: Unit that times likely have where so many of them lie between samples: 1 Hz to 1 kHz.
+LIKELY = {"ms": 1e3, "us": 1e6, "ns": math.inf}
+
+
+def unit_doubts(series: Mapping[str, Series], given: Mapping[str, str]) -> list[str]:
+    """Where a column that names no unit has the size of another one."""
+    bare = [q for q, text in given.items() if not text.endswith(tuple(f":{u}" for u in UNITS[q]))]
+    speed, notes = series["speed"], []
+    step = float(np.median(np.diff(speed.time))) if speed.time.size > 1 else 0.0
+    slow = next((unit for unit, most in LIKELY.items() if step < most), "")
+    for quantity, (most, si, unit) in RARE.items():
+        largest = float(np.nanmax(np.abs(series[quantity].values), initial=0.0))
+        if quantity in bare and largest > most:
+            told = f"{quantity}s up to {largest:.5g} {si} are rare"
+            notes.append(_doubt(told, unit, quantity, given, unit))
+    if "time" in bare and step >= SLOW:
+        told = f"{step:g} s between samples are long"
+        notes.append(_doubt(told, slow, "time", given, slow))
+    if "time" in bare and 0 < step <= QUICK:
+        told = f"{step:.3g} s between samples are short"
+        notes.append(_doubt(told, "days, as a spreadsheet's dates", "time", given, "d"))
+    return notes
+
+
+def _doubt(told: str, named: str, quantity: str, given: Mapping[str, str], unit: str) -> str:
+    return f"{told}; if they are {named}: --{quantity} {given[quantity]}:{unit}"
