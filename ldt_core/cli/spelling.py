@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import itertools
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from typing import Any
 
 import click
 
-from ldt_core.base.errors import MOST_BESIDE_NEAREST, did_you_mean, most_alike
+from ldt_core.base.errors import MOST_BESIDE_NEAREST, OptionError, did_you_mean, most_alike
+from ldt_core.cli.outputs import FORMER
 
 #: Command and option that people expect of it → what to do instead, where no spelling is near.
 INSTEAD = {
@@ -49,6 +51,22 @@ def nameless(arguments: Sequence[str]) -> str:
     alone = [a for a, value in itertools.pairwise(arguments) if value == ""]
     joined = [a[:-1] for a in arguments if a.endswith("=")]
     return next((option for option in (*alone, *joined) if option in PLACES), "")
+
+
+def refuse_twice(command: click.Command, arguments: Sequence[str]) -> None:
+    """Refuse an option of one value that is typed twice: click would take the last in silence.
+
+    Raises:
+        OptionError: names it.
+    """
+    flags = {flag for p in command.params for flag in p.opts}
+    present = [a if a in flags else FORMER.get(a, a) for a in arguments]
+    context = click.Context(command, resilient_parsing=True)
+    _, _, typed = command.make_parser(context).parse_args(present)
+    for option, count in Counter(typed).items():
+        one = isinstance(option, click.Option) and not (option.multiple or option.is_flag)
+        if one and count > 1:
+            raise OptionError(option.opts[-1], "one value", f"{count} of them")
 
 
 def nearest(name: str, known: Iterable[str]) -> str | None:
@@ -139,9 +157,9 @@ class SuggestingGroup(click.Group):
     """A group whose answer to an unknown command names those that there are."""
 
     def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
-        """As click's, with the nearest command named when there is none."""
+        """As click's, with the nearest command named when there is none; no option comes twice."""
         try:
-            return super().resolve_command(ctx, args)
+            name, command, rest = super().resolve_command(ctx, args)
         except click.NoSuchOption:
             raise
         except click.UsageError:
@@ -156,6 +174,9 @@ class SuggestingGroup(click.Group):
             lists = f"({ctx.command_path} --help lists all)"
             told = lists if many else f"commands are {', '.join(names)}"
             raise click.UsageError(f"there is no command {args[0]!r}; {hint}{told}") from None
+        if command is not None:
+            refuse_twice(command, rest)
+        return name, command, rest
 
 
 class SuggestingChoice(click.Choice[str]):
