@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,7 +11,7 @@ import click
 
 from ldt_core.base.errors import RecordingError
 from ldt_core.base.printable import as_argument, one_line, printable
-from ldt_core.base.sentences import counted, numbered, plain, ranges
+from ldt_core.base.sentences import counted, numbered, plain, ranges, some
 from ldt_core.cli.import_file import proposed_import
 from ldt_core.cli.options import json_option, namespace_option
 from ldt_core.cli.terminal import echo_result
@@ -21,60 +22,79 @@ if TYPE_CHECKING:
     from ldt_core.recording.storage import Storage
 
 NO_TABLES = (".yaml", ".yml", ".json", ".html")  # a machine file, settings, a page
+MOST_FILES = 5  # that are named; the command has all
 MOST_TOPICS = 12  # of a foreign recording that are listed; a robot has hundreds
 CHANNELS = ("voltage [V]", "speed [rad/s]")
 JOINTS = "sensor_msgs/msg/JointState"
 NUMBERS = ("std_msgs/msg/Float64", "std_msgs/msg/Float32")
 
 
-@click.command("info", short_help="What a recording, a bag or a CSV file contains.")
-@click.argument("recording")
+@click.command("info", short_help="What a recording, a bag or CSV files contain.")
+@click.argument("recordings", nargs=-1, required=True)
 @namespace_option
 @json_option
-def command(recording: str, namespace: str, as_json: bool) -> None:
-    """Show what RECORDING contains: machine, experiments, channels, models, states, how it ended.
+def command(recordings: tuple[str, ...], namespace: str, as_json: bool) -> None:
+    """Show what RECORDINGS contain: machine, experiments, channels, models, states, how each ended.
 
-    For a foreign bag or a CSV file, it lists topics or columns, and suggests the import command.
+    For a foreign bag or CSV files, it lists topics or columns, and suggests the import command.
 
     Example: ldt info my_run
     """
+    tables = [recording for recording in recordings if _is_table(recording)]
+    answers = [_about(r, namespace) for r in recordings if r not in tables]
+    answers += [_tables(tables)] if tables else []
+    records = [record for record, _ in answers]
+    lines = [line for _, told in answers for line in ("", *told)]
+    echo_result(as_json, records[0] if len(recordings) == 1 else records, *lines[1:])
+
+
+def _about(recording: str, namespace: str) -> tuple[dict[str, Any], list[str]]:
+    """What a recording or a folder of some contains: for programs, and in lines for people."""
     from ldt_core.recording.bag import namespaces, read_bag
     from ldt_core.recording.health import inspect
+    from ldt_core.recording.storage import Storage
+
+    if several := _several(recording):
+        folders = [str(file.parent) for file in several]
+        return {"recording": recording, "recordings": folders}, [
+            f"{recording}: {counted(len(folders), 'recording')}",
+            *(f"ldt info {as_argument(one_line(folder))}" for folder in folders),
+        ]
+    storage = Storage(recording)
+    if storage.topics and not namespaces(storage.topics):
+        return _foreign(storage)
+    bag = read_bag(recording, namespace)
+    record, lines = _described(bag, inspect(bag))
+    width = max(map(len, lines))
+    return record, [f"{name:{width}}  {one_line(words)}" for name, words in lines.items()]
+
+
+def _several(recording: str) -> list[Path]:
+    """Of a folder that is no recording: those of the recordings in it."""
+    place = Path(recording)
+    return [] if (place / "metadata.yaml").exists() else sorted(place.glob("*/metadata.yaml"))
+
+
+def _is_table(recording: str) -> bool:
+    """Whether a file is no recording and may be a CSV file.
+
+    Raises:
+        RecordingError: what never is a table.
+    """
     from ldt_core.recording.importers import is_bag
     from ldt_core.recording.storage import Storage
 
     place = Path(recording)
-    if not (place / "metadata.yaml").exists() and (
-        several := sorted(place.glob("*/metadata.yaml"))
-    ):
-        folders = [str(file.parent) for file in several]
-        found = counted(len(folders), "recording")
-        echo_result(
-            as_json,
-            {"recording": recording, "recordings": folders},
-            f"{recording}: {found}",
-            *(f"ldt info {as_argument(one_line(folder))}" for folder in folders),
-        )
-        return
+    if not place.is_file() or is_bag(place):
+        return False
     try:
-        storage = Storage(recording)
+        Storage(recording)
     except RecordingError:
-        if not place.is_file() or is_bag(place):
-            raise
         if place.suffix in NO_TABLES:
             expected = "a recording or a table; ldt docs machine has a machine file's keys"
             raise RecordingError(recording, expected, f"a {place.suffix} file") from None
-        _tell_table(recording, as_json)
-        return
-    if storage.topics and not namespaces(storage.topics):
-        _tell_foreign(storage, as_json)
-        return
-    bag = read_bag(recording, namespace)
-    record, lines = _described(bag, inspect(bag))
-    width = max(map(len, lines))
-    echo_result(
-        as_json, record, *(f"{name:{width}}  {one_line(words)}" for name, words in lines.items())
-    )
+        return True
+    return False
 
 
 def _described(bag: Bag, health: Health) -> tuple[dict[str, Any], dict[str, str]]:
@@ -194,16 +214,23 @@ def _counts(counter: dict[str, int]) -> str:
     return ", ".join(f"{name} {count}" for name, count in sorted(counter.items()))
 
 
-def _tell_table(file: str, as_json: bool) -> None:
-    """Columns of a CSV file, and how to import it."""
-    columns, proposed = proposed_import(file)
-    echo_result(
-        as_json,
-        {"recording": file, "table": True, "columns": columns, "next": proposed},
-        one_line(f"{file} is a table with the columns {columns}"),
-        _what_to_fill_in(proposed),
-        one_line(proposed),
-    )
+def _tables(files: Sequence[str]) -> tuple[dict[str, Any], list[str]]:
+    """Columns of the first CSV file, which others have the same, and how to import these."""
+    from ldt_core.recording.csv_table import CsvTable
+
+    heads = [(t.names, t.units) for t in map(CsvTable, files)]
+    alike = [file for file, head in zip(files, heads, strict=True) if head == heads[0]]
+    others = [file for file in files if file not in alike]
+    columns, proposed = proposed_import(alike)
+    record = {"recording": files[0], "table": True, "columns": columns, "next": proposed}
+    lines = [f"{files[0]} is a table with the columns {columns}"]
+    record |= {"alike": alike[1:], "others": others}
+    if alike[1:]:
+        lines.append(f"with the same columns: {some(alike[1:], MOST_FILES)}")
+    if others:
+        lines.append(f"with other columns: {some(others, MOST_FILES)}")
+    lines += [_what_to_fill_in(proposed), proposed]
+    return record, [one_line(line) for line in lines]
 
 
 def _what_to_fill_in(proposed: str) -> str:
@@ -215,7 +242,7 @@ def _what_to_fill_in(proposed: str) -> str:
     return "Import it so:"
 
 
-def _tell_foreign(storage: Storage, as_json: bool) -> None:
+def _foreign(storage: Storage) -> tuple[dict[str, Any], list[str]]:
     """Topics of a recording that is not LDT's, and how to import it."""
     counts = storage.counts()
     topics = {
@@ -235,12 +262,10 @@ def _tell_foreign(storage: Storage, as_json: bool) -> None:
     ]
     more = [f"  and {len(listed) - MOST_TOPICS} more"] if len(listed) > MOST_TOPICS else []
     record = {"recording": str(storage.path), "foreign": True, "topics": topics, "next": proposed}
-    echo_result(
-        as_json,
-        record,
+    return record, [
         one_line(f"{storage.path} was not recorded by LDT; its topics are"),
         *(f"  {printable(line)}" for line in listed[:MOST_TOPICS]),
         *more,
         "Say which of them is the voltage and which the speed:",
         one_line(proposed),
-    )
+    ]

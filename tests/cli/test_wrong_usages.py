@@ -61,7 +61,7 @@ WRONG = {
     "replay {files}/motor --machine rotor --out out": "leave --machine out",
     "run --duration 10": "stands in the machine file",
     "tune {files}/motor --out out": "expected a budget: --adaptations 10",
-    "import {files}/log.csv --voltage u --speed rpm:rpm --out x": "--time time_ms:ms --length 10",
+    "import {files}/log.csv --voltage u --speed rpm:rpm --out x": "--time time_ms:ms --out",
     "import {files}/two.csv --out x": "--sample-period SECONDS",
     "identify {files}/motor --machine dc_motor --out out.yaml": "ldt calibrate RECORDING --machine",
     "run --experiment 4": "did you mean '--experiments'?",
@@ -131,6 +131,10 @@ WRONG = {
         "delete the lines above the row of names"
     ),
     "import {files}/preamble.csv -o out": "delete the lines above the row of names",
+    "run --play {files}/motor --play {files}/nameless": "--play: expected one value, got 2",
+    "run --bag here -o there": "--out: expected one value, got 2",
+    "doctor --bag here --bag there": "--bag: expected one value, got 2",
+    "challenge make --out here --out there": "--out: expected one value, got 2",
     "learning of": "expected one of 'on', 'off', got 'of'",
     "watch {files}/motor --port 99999": "--port: expected 0 to 65535, got 99999",
     "import {files}/log.csv --voltage u --speed rpm:Umdrehungen --time time_ms:ms -o out": "'rpm'",
@@ -289,6 +293,64 @@ def test_a_table_says_its_columns_and_how_to_import_it(files, capsys):
     assert "--voltage u:UNIT --speed rpm:rpm --time time_ms:ms" in said
 
 
+def test_several_tables_are_told_at_once(files, tmp_path, capsys):
+    """The columns of the first, which others have them too, and one command for these."""
+    names = ("r1", "r2", "other")
+    first, second, other = (str(tmp_path / f"{name}.csv") for name in names)
+    for name in (first, second):
+        shutil.copy(files / "plc.csv", name)
+    shutil.copy(files / "log.csv", other)
+    assert invoke(ldt, ["info", first, second, other]) == 0
+    told = capsys.readouterr().out
+    assert f"with the same columns: {second}\nwith other columns: {other}\n" in told
+    assert f"ldt import {first} {second} --voltage Spannung" in told
+    assert invoke(ldt, ["info", other, str(files / "motor"), "--json"]) == 0
+    recording, table = json.loads(capsys.readouterr().out)
+    assert (recording["experiments"], table["table"], table["alike"]) == (1, True, [])
+
+
+@pytest.mark.parametrize("date", ["2026-03-02T08:00:{:06.3f}", "02.03.2026 08:00:{:06.3f}"])
+def test_a_column_of_dates_is_the_time_and_needs_no_unit(tmp_path, capsys, date):
+    """Whatever its name; so it is read."""
+    table, out = tmp_path / "dated.csv", tmp_path / "out"
+    rows = "".join(f"{date.format(t / 10)};{t % 7};{t % 5}\n" for t in range(300))
+    table.write_text("Datum;Spannung [V];Drehzahl [U/min]\n" + rows)
+    assert invoke(ldt, ["info", str(table)]) == 0
+    *_, proposed = capsys.readouterr().out.splitlines()
+    assert "--time Datum --length 10" in proposed
+    command = shlex.split(proposed.replace("--out imported", f"--out {out}"))
+    assert invoke(ldt, command[1:]) == 0
+    assert "3 experiments of 100 samples at 10 Hz" in capsys.readouterr().out
+
+
+def test_a_delimiter_at_the_end_of_each_row_is_no_column(tmp_path, capsys):
+    """Nothing above the names is to be deleted, and what is proposed works."""
+    table = tmp_path / "x.csv"
+    table.write_text("t_s;u;n;\n" + "".join(f"{t};{t % 7};{t % 5};\n" for t in range(30)))
+    assert invoke(ldt, ["info", str(table)]) == 0
+    told = capsys.readouterr().out
+    assert "the columns 't_s', 'u', 'n'\n" in told
+    assert "delete" not in told
+    assert invoke(ldt, ["import", str(table), "--voltage", "x", "--speed", "n", "-o", "x"]) == 2
+
+
+@pytest.mark.parametrize(
+    ("count", "pause", "cut"), [(60, 0, False), (300, 0, True), (300, 2, False)]
+)
+def test_a_length_is_proposed_where_it_gives_experiments(tmp_path, capsys, count, pause, cut):
+    """Not of a record of 6 s, nor of stretches of 6 s between gaps; the import says the same."""
+    table, out = tmp_path / "x.csv", str(tmp_path / "out")
+    times = [t / 10 + pause * (t // 60) for t in range(count)]
+    table.write_text("t_s,u,n\n" + "".join(f"{t},{k % 7},{k % 5}\n" for k, t in enumerate(times)))
+    assert invoke(ldt, ["info", str(table)]) == 0
+    assert ("--length 10" in capsys.readouterr().out) is cut
+    fields = ["--voltage", "u:V", "--speed", "n:rad/s", "--time", "t_s"]
+    assert invoke(ldt, ["import", str(table), *fields, "--out", out]) == 0
+    told = capsys.readouterr().out
+    assert ("--length 10" in told) is cut
+    assert ("cut this one by --length" in told) is (not cut and not pause)
+
+
 def test_a_word_within_a_column_s_name_is_found(tmp_path, capsys):
     """As in a German machine's log."""
     table = tmp_path / "anlage.csv"
@@ -306,7 +368,7 @@ def test_columns_whose_names_say_nothing_are_told_by_what_they_hold(tmp_path, ca
     assert invoke(ldt, ["info", str(table)]) == 0
     told = capsys.readouterr().out
     assert "'Stamp' (0 to 490), 'Uk' (0 to 6), 'Ndreh' (0 to 4)" in told
-    assert "--speed COLUMN:UNIT --time Stamp:UNIT --length" in told
+    assert "--speed COLUMN:UNIT --time Stamp:UNIT --out" in told
     table.write_text("\n".join(["Stamp,Uk,Ndreh,Note", *(f"{row},ok" for row in rows)]))
     assert invoke(ldt, ["info", str(table)]) == 0
     assert "'Stamp', 'Uk', 'Ndreh', 'Note'\n" in capsys.readouterr().out
