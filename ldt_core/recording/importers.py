@@ -37,7 +37,7 @@ MOVED = "times moved to follow the file before"
 LEAST_GAP = 1.5  # periods of the experiments; a stream far faster than they are may not pause less
 
 
-class Layout(NamedTuple):
+class FileLayout(NamedTuple):
     """What the files of one import have in common.
 
     Attributes:
@@ -63,7 +63,7 @@ class Imported(NamedTuple):
     content: str
     notes: list[str]
     doubts: Sequence[str]
-    layout: Layout
+    layout: FileLayout
 
 
 def import_file(
@@ -75,7 +75,7 @@ def import_file(
     sample_period: float | None = None,
     length: float | None = None,
     cut: Mapping[str, Any] | None = None,
-    like: Layout | None = None,
+    like: FileLayout | None = None,
 ) -> Imported:
     """Experiments out of a table or a foreign recording.
 
@@ -117,7 +117,7 @@ def import_file(
     doubts = unit_doubts(series, given)
     notes += doubts
     done = _cut(str(path), series, notes, sample_period, length, cut, doubts, like)
-    layout = Layout(str(path), columns, done[0].period)
+    layout = FileLayout(str(path), columns, done[0].period)
     return Imported(done, content, notes, doubts, layout)
 
 
@@ -133,7 +133,7 @@ def import_files(paths: Sequence[str], **options: Any) -> Iterator[Imported]:
     Raises:
         OptionError, RecordingError: as there; each names the file.
     """
-    first: Layout | None = None
+    first: FileLayout | None = None
     number, end = 0, 0.0
     for path in paths:
         try:
@@ -277,7 +277,7 @@ def _cut(
     length: float | None,
     cut: Mapping[str, Any] | None,
     doubts: Sequence[str],
-    like: Layout | None,
+    like: FileLayout | None,
 ) -> list[Experiment]:
     """Grid, gaps, and experiments of equal length, or what the segmenter makes of the stream."""
     for one in series.values():
@@ -349,7 +349,7 @@ def _cut(
     return experiments
 
 
-def _period(where: str, found: float, wanted: float | None, like: Layout | None) -> float:
+def _period(where: str, found: float, wanted: float | None, like: FileLayout | None) -> float:
     """[s] of the experiments; of one rate are files whose clocks differ by what a grid forgives."""
     if wanted is not None or like is None:
         return found if wanted is None else wanted
