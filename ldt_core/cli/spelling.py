@@ -40,6 +40,8 @@ PLACES = (
     "--figure",
     "--next",
 )
+#: Those of which an empty name says something else, or is refused by itself.
+OTHER_PLACES = ("--machine", "--key", "--secure")
 
 
 def nameless(arguments: Sequence[str]) -> str:
@@ -54,7 +56,9 @@ def nameless(arguments: Sequence[str]) -> str:
 
 
 def refuse_twice(command: click.Command, arguments: Sequence[str]) -> None:
-    """Refuse an option of one value that is typed twice: click would take the last in silence.
+    """Refuse an option that names one file or folder and is typed twice, as if for both.
+
+    Of other options the last one counts, as everywhere: so a script's defaults are overridden.
 
     Raises:
         OptionError: names it.
@@ -64,9 +68,9 @@ def refuse_twice(command: click.Command, arguments: Sequence[str]) -> None:
     context = click.Context(command, resilient_parsing=True)
     _, _, typed = command.make_parser(context).parse_args(present)
     for option, count in Counter(typed).items():
-        one = isinstance(option, click.Option) and not (option.multiple or option.is_flag)
-        if one and count > 1:
-            raise OptionError(option.opts[-1], "one value", f"{count} of them")
+        place = isinstance(option, click.Option) and {*option.opts} & {*PLACES, *OTHER_PLACES}
+        if place and not option.multiple and count > 1:
+            raise OptionError(option.opts[-1], "one file or folder", f"{count} of them")
 
 
 def nearest(name: str, known: Iterable[str]) -> str | None:
@@ -157,7 +161,7 @@ class SuggestingGroup(click.Group):
     """A group whose answer to an unknown command names those that there are."""
 
     def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
-        """As click's, with the nearest command named when there is none; no option comes twice."""
+        """As click's, with the nearest command named when there is none; no place comes twice."""
         try:
             name, command, rest = super().resolve_command(ctx, args)
         except click.NoSuchOption:

@@ -131,10 +131,10 @@ WRONG = {
         "delete the lines above the row of names"
     ),
     "import {files}/preamble.csv -o out": "delete the lines above the row of names",
-    "run --play {files}/motor --play {files}/nameless": "--play: expected one value, got 2",
-    "run --bag here -o there": "--out: expected one value, got 2",
-    "doctor --bag here --bag there": "--bag: expected one value, got 2",
-    "challenge make --out here --out there": "--out: expected one value, got 2",
+    "run --play {files}/motor --play {files}/nameless": "--play: expected one file",
+    "run --bag here -o there": "--out: expected one file or folder, got 2",
+    "doctor --bag here --bag there": "--bag: expected one file or folder, got 2",
+    "challenge make --out here --out there": "--out: expected one file or folder, got 2",
     "learning of": "expected one of 'on', 'off', got 'of'",
     "watch {files}/motor --port 99999": "--port: expected 0 to 65535, got 99999",
     "import {files}/log.csv --voltage u --speed rpm:Umdrehungen --time time_ms:ms -o out": "'rpm'",
@@ -389,6 +389,13 @@ def test_a_folder_of_recordings_lists_them(files, capsys):
     """As a fleet's is."""
     assert invoke(ldt, ["info", str(files)]) == 0
     assert f"ldt info {files}/motor" in capsys.readouterr().out
+
+
+def test_the_last_of_two_values_counts(tmp_path, capsys):
+    """A script's defaults can be overridden; of files that would drop one in silence."""
+    twice = ["--experiments", "2", "--seed", "1", "--seed", "2", "--experiments", "1"]
+    assert invoke(ldt, ["simulate", *twice, "--out", str(tmp_path / "out")]) == 0
+    assert "1 experiment" in capsys.readouterr().out
 
 
 def test_long_work_says_on_a_pipe_how_far_it_is(monkeypatch, capsys):
