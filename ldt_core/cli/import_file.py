@@ -46,7 +46,7 @@ UNIT_HELP = "with a unit if it is not SI, for example"
 @click.option(
     "--time",
     metavar="FIELD[:UNIT]",
-    help=f"Column of the time (a number or an ISO 8601 date), {UNIT_HELP} t:ms.",
+    help=f"Column of the time (numbers, or dates), {UNIT_HELP} t:ms.",
 )
 @click.option(
     "--sample-period",
