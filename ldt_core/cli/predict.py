@@ -6,6 +6,7 @@ from typing import Any
 
 import click
 
+from ldt_core.base.printable import as_argument
 from ldt_core.base.sentences import counted
 from ldt_core.cli.options import (
     diagnosis_option,
@@ -105,4 +106,5 @@ def command(
         f"root mean square error {error.rmse:.4g} rad/s, "
         f"mean maximum error {error.mean_max_error:.4g} rad/s: {out}",
         *([] if promise is None else [promise.sentence]),
+        f"Next, a picture: ldt plot {as_argument(out)} -o FILE.png",
     )

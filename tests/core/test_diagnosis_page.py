@@ -501,6 +501,14 @@ def test_a_unit_that_explains_the_gap_is_mended_before_anything_is_added():
     assert command.startswith("ldt import TABLE --speed NAME:UNIT")
 
 
+def test_where_no_experiment_tells_causes_apart_the_first_is_added():
+    """A winding and its supply: there was no next step at all."""
+    found = replace(fake_diagnosis("ambiguous"), next_experiment=None)
+    words, command = diagnosis_sections.next_step(found, Path("diagnosis.json"))
+    assert words.startswith("as no experiment tells them apart")
+    assert "--with diagnosis.json" in command
+
+
 @pytest.mark.parametrize("kind", ["effect", "ambiguous", "unknown", "none"])
 def test_what_to_do_next_stands_with_the_answer(kind, undrawn):
     """A command, or the section with the experiment that tells causes apart; above the picture."""

@@ -142,8 +142,10 @@ def next_step(diagnosis: Diagnosis, kept: Path) -> tuple[str, str]:
     if any(FITS in note for note in diagnosis.notes):
         again = f"ldt import TABLE --speed NAME:UNIT ... --out {recordings[0]} --force"
         return "unless the speed's unit and sign are right, import again", again
+    alike = "as no experiment tells them apart, add the first of them to the machine file"
     return {
         "effect": ("add what was found to the machine file", fitted),
+        "ambiguous": (alike, fitted) if diagnosis.next_experiment is None else ("", ""),
         "unknown": (
             (
                 "as the gap differs between experiments, let a twin find what changed, and when",
