@@ -40,6 +40,8 @@ SHORTEST = 0.25
 WIDEST = 8.0
 #: Start angles that are tried in what makes a difference of a turn.
 ANGLES = 8
+#: Gain of an observer that takes over the measured speed at each sample.
+FOLLOWED = 1.0
 
 
 class Case(NamedTuple):
@@ -159,6 +161,17 @@ class GreyBox:
         except LdtError:
             return np.full(len(experiment), DIVERGED_SPEED)
         return self._shown(states, experiment, use, run.values)
+
+    def current_at_speed(self, q: Array, experiment: Experiment) -> Array:
+        """(L,) current where the shaft turns as it was measured [A]; see `speed`."""
+        case = Case(q, experiment, False, None)
+        try:
+            run, _ = self._run(case, FOLLOWED)
+            about = FINE_STEP, run.tracked, _shortest(FINE_STEP, run.period)
+            states = self.physics.simulate(*run[:5], *about)
+        except LdtError:
+            return np.full(len(experiment), DIVERGED_SPEED)
+        return np.asarray(states[:, CURRENT])
 
     def speeds(
         self, cases: Sequence[Case], gain: float = 0.0, step: float = FINE_STEP, workers: int = 1

@@ -9,7 +9,8 @@ import itertools
 from collections.abc import Sequence
 from contextlib import suppress
 
-from ldt_core.base.experiment import Experiment
+from ldt_core.base.arrays import Array
+from ldt_core.base.experiment import Experiment, rms
 from ldt_core.base.sentences import listed, spoken
 from ldt_core.base.threads import one_thread
 from ldt_core.effects.change_description import apart
@@ -19,6 +20,7 @@ from ldt_core.models.grey_box import GreyBoxModel
 from ldt_core.physics.effect import Effect
 from ldt_core.physics.machine_sizes import is_amount, is_limit
 from ldt_core.twin.candidates import UNLEARNABLE
+from ldt_core.twin.version_errors import errs_less
 
 #: Turns, between rise and fall, from which on an amount is another one each time: a machine that is
 #: repaired has one.
@@ -31,8 +33,10 @@ def doubts(
     """Names of effects that are not known to act, and why.
 
     One that the experiments are explained without as well, by the machine's own parameters within
-    their tolerances: that it acts would rest on the machine not having changed. And one that
-    contradicts itself from version to version, beyond chance.
+    their tolerances: that it acts would rest on the machine not having changed. One that
+    contradicts itself from version to version, beyond chance. And any, where the current was
+    measured and comes out worse than before: a load that is twice as heavy, friction and all, looks
+    in the speed like twice the resistance.
 
     Args:
         model: that comes into force.
@@ -44,6 +48,7 @@ def doubts(
         return {}
     known, causes = before.causes if isinstance(before, GreyBoxModel) else Causes(), model.causes
     found = {}
+    against = _current_speaks_against(model, [before, *earlier], experiments)
     for effect in model.effects:
         if not (causes.name(effect) and causes.moved(known, effect)):
             continue
@@ -53,9 +58,25 @@ def doubts(
             if effect.states:
                 states = listed(map(spoken, effect.states))
                 found[effect.name] += f" (nobody measures its {states} at the start)"
+        elif against:
+            found[effect.name] = f"the measured current speaks against {name}"
         elif _needless(model, effect, experiments):
             found[effect.name] = f"the machine's own parameters explain it without {name}, too"
     return found
+
+
+def _current_speaks_against(
+    model: GreyBoxModel, versions: Sequence[Model], experiments: Sequence[Experiment]
+) -> bool:
+    """Whether, at the measured speed, one of the versions before has the current more nearly."""
+
+    def left(version: GreyBoxModel) -> list[Array]:
+        told = ((e, e.current) for e in experiments if e.current is not None)
+        return [measured - version.box.current_at_speed(version.q, e) for e, measured in told]
+
+    error = sum(rms(row) ** 2 for row in left(model))
+    grey = [m for m in versions if isinstance(m, GreyBoxModel)]
+    return error > 0 and any(errs_less(left(version), error) for version in grey)
 
 
 def _needless(model: GreyBoxModel, effect: Effect, experiments: Sequence[Experiment]) -> bool:

@@ -229,16 +229,12 @@ def anew(model: Model) -> str:
     """What a version does that has learned more with the same causes."""
     if not isinstance(model, GreyBoxModel):
         return "estimates its causes anew"
-    names = model.box.uncertain
-    far = np.abs(model.q[: len(names)])
-    moved = not model.effects or far.max(initial=0.0) > THRESHOLDS.prior_deviations
+    far = float(np.abs(model.q[: len(model.box.uncertain)]).max(initial=0.0))
+    moved = not model.effects or far > THRESHOLDS.prior_deviations
     what = ["its causes"] if model.effects else []
     what += ["the machine's own parameters"] if moved else []
     words = f"estimates {listed(what)} anew"
-    if not (moved and names):
-        return words
-    most = int(np.argmax(far))
-    return f"{words}, {names[most]} {far[most]:.1f} tolerances from the file's"
+    return f"{words}, up to {far:.1f} tolerances from the file's" if moved else words
 
 
 def granted(beside: CauseSearch | None) -> int:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
+from ldt_core.base.experiment import Experiment
 from ldt_core.effects import get_effect
 from ldt_core.machine.machine_file import load_machine
 from ldt_core.machine.plant import Plant
 from ldt_core.models.grey_box import GreyBoxModel
 from ldt_core.twin.cause_doubts import doubts
+from tests.motors import motor_file
 
 DC = load_machine("dc_motor")
 PLAIN = GreyBoxModel(DC)
@@ -83,3 +86,29 @@ def test_a_cause_that_the_machines_tolerances_do_without_is_not_told(loaded):
     assert doubt([PLAIN, acting], loaded) == {}
     change = acting.change(PLAIN, {LOAD: words})
     assert change == f"what has changed is not known: {words}"
+
+
+@pytest.mark.parametrize(("heavier", "resistance", "known"), [(1.0, 1.5, True), (1.5, 1.0, False)])
+def test_a_resistance_that_the_measured_current_contradicts_is_not_told(heavier, resistance, known):
+    """A load one and a half times as heavy, friction and all, by equations of its own.
+
+    The speed is that of a resistance one and a half times as large. That was named, to 1 %.
+    """
+    p = {"J": 0.002, "K_t": 0.05, "R": 1.0, "L": 0.0, "b": 1e-4}
+    random, step, w = np.random.default_rng(1), 2e-4, 0.0
+    volts, speed, current = np.repeat(random.uniform(-20, 20, 12), 50), [], []
+    for u in volts.tolist():
+        speed.append(w)
+        current.append((u - p["K_t"] * w) / resistance)
+        for _ in range(50):
+            torque = p["K_t"] * (u - p["K_t"] * w) / resistance - heavier * p["b"] * w
+            w += step * torque / (heavier * p["J"])
+    noise = random.standard_normal((2, volts.size))
+    told = speed + 0.1 * noise[0], current + 0.02 * noise[1]
+    experiment = Experiment(1, 0.0, 0.01, volts, *map(np.asarray, told))
+    before = GreyBoxModel(motor_file(p, 600, 0.01))
+    ends = {"armature_resistance": {"factor": [1.49, 1.51]}}
+    given = {"effects": {"armature_resistance": {"factor": 1.5}}, "intervals": ends}
+    model = GreyBoxModel(before.machine, {**before.parameters, **given}, 1)
+    found = doubts(model, before, [before], [experiment]).get("armature_resistance", "")
+    assert ("the measured current speaks against" in found) is not known
