@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -16,7 +16,6 @@ from ldt_core.base.metrics import FreeRunError
 from ldt_core.calibration.calibration import (
     WITHHELD,
     Calibration,
-    ParameterEstimate,
     Posterior,
     Reason,
     bound_notes,
@@ -26,16 +25,14 @@ from ldt_core.calibration.calibration import (
     nothing_determined,
     recording_notes,
     refuse_absurd,
-    rounded,
 )
 from ldt_core.calibration.calibration_runs import DIFFERENCE_INTEGRATED, CalibrationRuns
 from ldt_core.calibration.coordinates import Coordinate, Coordinates
+from ldt_core.calibration.fitted import Fitted, estimates_of
 from ldt_core.calibration.held_out import split_evenly
 from ldt_core.calibration.identifiability import (
     MOST_ERROR,
-    NORMAL_95,
     Identifiability,
-    Uncertainty,
     coloured,
     identifiability,
     uncertainty,
@@ -47,6 +44,7 @@ from ldt_core.calibration.prior_knowledge import (
     DIFFERENCE_BESIDE_PRIOR,
     ToleranceLaw,
     deviation,
+    known_together,
     widened,
 )
 from ldt_core.machine.current_check import wrong_current
@@ -129,27 +127,6 @@ def check_names(machine: Machine, free: Sequence[str], fixed: Sequence[str]) -> 
         raise OptionError("--fixed", "a list that leaves a parameter free", "all of them")
 
 
-@dataclass
-class _State:
-    whole: Coordinates
-    coordinates: Coordinates
-    runs: CalibrationRuns
-    z: Array
-    converged: bool
-    seen: Identifiability
-    uncertainty: Uncertainty
-    sensitivities: list[Array]
-    known: Posterior
-    #: What was known beforehand of the coordinates.
-    prior: ToleranceLaw | None
-    #: Effects that are plainly in what is left; None where something without a name is.
-    lacking: tuple[str, ...] | None = ()
-
-    @property
-    def values(self) -> dict[str, float]:
-        return self.coordinates.values(self.z)
-
-
 class _Work:
     def __init__(
         self,
@@ -166,6 +143,7 @@ class _Work:
         #: Relative standard deviations that count as known; None fits without any.
         self.prior = {**machine.tolerances, **dict.fromkeys(taken, DIAGNOSED)}
         self.joint = bool(taken or machine.deviations)
+        self.together = known_together(before, taken)
         self.named = free = [*free, *(n for n in taken if n not in free)] if free else []
         self.values: Mapping[str, float] = machine.parameters
         self.reasons: dict[str, str] = {}
@@ -194,12 +172,14 @@ class _Work:
         state.lacking = lack.names
         imitated = lack.shifts / state.coordinates.sizes(state.z)
         known = state.known.widened(state.coordinates.names, imitated)
-        estimates, machine, determined = self._estimates(state)
+        estimates, machine, determined = estimates_of(
+            state, self.machine, self.prior, bool(self.named)
+        )
         if not state.seen.determined:
             nominal = free_run_error(self.before, self.experiments)
             if free_run_error(machine, self.experiments).rmse < GAIN_RATIO * nominal.rmse:
                 raise LdtError(nothing_determined(self.experiments))
-            estimates = [replace(e, value=e.nominal) for e in estimates]
+            estimates = [replace(e, value=e.nominal, std=None) for e in estimates]
             machine = self.before
         fixed = dict(self.reasons)
         for name in state.seen.names:
@@ -250,7 +230,7 @@ class _Work:
             )
         return replace(calibration, notes=tuple(told)).with_recordings(())
 
-    def _start_explains(self, state: _State) -> bool:
+    def _start_explains(self, state: Fitted) -> bool:
         """Whether the fit went down and only the noise of the first samples says otherwise."""
         nominal = CalibrationRuns(self.physics, self.machine.parameters, self.experiments)
         nominal.noise = list(state.runs.noise)
@@ -259,7 +239,7 @@ class _Work:
         after = np.concatenate(state.runs.residuals(state.values))
         return float(after @ after) <= float(before @ before)
 
-    def _fitted(self) -> _State:
+    def _fitted(self) -> Fitted:
         """Fit, and again with other parameters free until the set holds at its own solution."""
         prefer: tuple[str, ...] = ()
         values: Mapping[str, float] = self.values
@@ -278,7 +258,7 @@ class _Work:
             prefer, values = (), self.values
         raise AssertionError  # the last pass returns
 
-    def _fit_once(self, values: Mapping[str, float], prefer: tuple[str, ...]) -> _State:
+    def _fit_once(self, values: Mapping[str, float], prefer: tuple[str, ...]) -> Fitted:
         self._doing = "looking at what the recording determines"
         parameters = [p for p in self.physics.parameters if p.name not in self.reasons]
         if not parameters:
@@ -297,7 +277,7 @@ class _Work:
             raise LdtError(nothing_determined(self.experiments))
         inner = Coordinates([c for c in whole.free if c.name in seen.determined], self.values)
         picked = [whole.names.index(n) for n in inner.names]
-        prior = ToleranceLaw(inner, self.prior) if self.joint else None
+        prior = ToleranceLaw(inner, self.prior, self.together) if self.joint else None
         best: tuple[Array, bool, CalibrationRuns] | None = None
         for number, start in enumerate(candidates, start=1):
             self._doing = "fitting " + ", ".join(inner.names)
@@ -347,7 +327,7 @@ class _Work:
         root = (root / sizes[:, None])[shown]
         root = root[:, np.abs(root).max(axis=0, initial=0.0) > 0]
         known = Posterior(tuple(names[j] for j in shown), root)
-        return _State(whole, inner, runs, z, converged, seen, spread, raw, known, prior)
+        return Fitted(whole, inner, runs, z, converged, seen, spread, raw, known, prior)
 
     def _coordinate(self, parameter: Parameter) -> Coordinate:
         return coordinate(self.physics, self.values, parameter, self.experiments)
@@ -362,39 +342,3 @@ class _Work:
             return Identifiability(tuple(whole.names), tuple(whole.names), {}, ()), sensitivities
         rows = np.vstack(sensitivities) * whole.sizes(z)
         return identifiability(whole.names, rows, exact, prefer), sensitivities
-
-    def _estimates(self, state: _State) -> tuple[list[ParameterEstimate], Machine, bool]:
-        """They, the machine with them, and whether all are determined."""
-        estimates, determined = [], True
-        found = dict(zip(state.coordinates.names, state.z, strict=True))
-        half = dict(zip(state.coordinates.names, state.uncertainty.half_widths, strict=True))
-        unsure = state.seen.unsure if self.named else set()
-        unsure |= {c.name for c in state.coordinates.on_bound(state.z)}
-        for c in state.whole.free:
-            if c.name not in found:
-                if self.named:
-                    determined = False
-                    estimates.append(
-                        ParameterEstimate(
-                            c.name, c.parameter.unit, c.nominal, c.nominal, None, None
-                        )
-                    )
-                continue
-            z, width, (low, high) = float(found[c.name]), float(half[c.name]), c.bounds
-            interval = std = None
-            value = rounded(c.value(z))
-            sure = c.name not in unsure and width < high - low
-            determined = determined and sure and value != 0
-            if state.lacking == () and sure:
-                ends = max(z - width, low), min(z + width, high)
-                interval = (rounded(c.value(ends[0])), rounded(c.value(ends[1])))
-                size = abs(value) if c.logarithmic else abs(c.scale)
-                std = rounded(width * size / NORMAL_95) if value else None
-            estimates.append(
-                ParameterEstimate(c.name, c.parameter.unit, c.nominal, value, interval, std)
-            )
-        kept = {n: s for n, s in self.machine.deviations.items() if n not in found}
-        kept |= {e.name: e.std for e in estimates if e.std}
-        machine = replace(self.machine, deviations={})
-        machine = machine.with_parameters(**{e.name: e.value for e in estimates})
-        return estimates, replace(machine, deviations=kept), determined

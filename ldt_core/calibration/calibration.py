@@ -21,11 +21,16 @@ from ldt_core.calibration.identifiability import Identifiability
 from ldt_core.machine.direction_check import swapped
 from ldt_core.machine.machine_file import Machine
 from ldt_core.machine.sensor_check import doubt, sound
+from ldt_core.machine.stated_posterior import fitted_to
 from ldt_core.models.physics import PhysicsModel
 
 MOST_NAMED = 3  # effects in a sentence
 DIGITS = 6  # significant ones of a calibrated value: more than any recording determines
 WITHHELD = "withheld: the physics lacks something"
+COUNTED_TWICE = (
+    "The file was fitted to this recording before, whose noise counts twice now: intervals may be "
+    "1.4 times too narrow. Start from the file before, or take another recording."
+)
 MOST_NOISE_RATIO = 5.0  # of a residual to its white part: beyond, it is not the sensor's noise
 MOST_LEFT = 0.5  # of the speed (rms): a fit that leaves as much has not found the machine
 LIMIT_MARGIN = 0.2  # of the largest recorded voltage, at either end: a limit must not be too tight
@@ -50,7 +55,8 @@ class ParameterEstimate:
 
     `nominal` is the machine file's value; `ci95` the 95 % interval, or None when the recordings do
     not determine the parameter or the physics lacks something; `std` that of the normal law with
-    this interval.
+    this interval, or else of what was known beforehand, about this value (`recentred`). A value of
+    0 has none.
     """
 
     name: str
@@ -135,6 +141,10 @@ class Calibration:
     def with_recordings(self, recordings: Sequence[str]) -> Calibration:
         """The same, with the names of the files it was made from."""
         named = replace(self, recordings=tuple(recordings))
+        before = self.nominal
+        knows = before.deviations and before.calibration.get("lacking") == []
+        if knows and fitted_to(before, recordings):
+            named = replace(named, notes=(*self.notes, COUNTED_TWICE))
         return replace(named, machine=replace(self.machine, calibration=named.as_dict()))
 
     def as_dict(self) -> dict[str, Any]:

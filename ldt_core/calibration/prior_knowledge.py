@@ -8,17 +8,21 @@ keeps its values; within its tolerance it may be wrong, and what was fitted hang
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from ldt_core.base.arrays import Array
+from ldt_core.calibration.calibration import DIGITS
 from ldt_core.calibration.coordinates import Coordinate, Coordinates
 from ldt_core.calibration.identifiability import (
     EXACT_TOLERANCE,
     Uncertainty,
 )
+from ldt_core.machine.machine_file import Machine
+from ldt_core.machine.stated_posterior import stated_posterior
 
 #: Relative standard deviation of what a diagnosis found: its amount is right to its size. It holds
 #: what the recordings do not show.
@@ -26,6 +30,8 @@ DIAGNOSED = 1.0
 #: Of a coordinate: quotients of integrated runs are good to 5e-4 then, by an integrator that is
 #: good to 5e-6. A shorter one would drown what tells parameters apart.
 DIFFERENCE_BESIDE_PRIOR = 5e-3
+#: Relative, of a value that is written with six digits.
+ROUNDING = 0.5 * 10.0 ** (1 - DIGITS)
 #: Of the largest singular value: twice that error.
 DROWNED = 1e-3
 
@@ -36,15 +42,31 @@ class ToleranceLaw:
     Args:
         coordinates: (p,) those fitted.
         tolerances: relative standard deviations by name; others have no prior.
+        together: of some of these, names and the root of the covariance of their relative errors.
     """
 
-    def __init__(self, coordinates: Coordinates, tolerances: Mapping[str, float]) -> None:
-        stds = [deviation(c, tolerances.get(c.name, 0.0)) for c in coordinates.free]
-        at = [j for j, std in enumerate(stds) if std > 0]
+    def __init__(
+        self,
+        coordinates: Coordinates,
+        tolerances: Mapping[str, float],
+        together: tuple[Sequence[str], Array] = ((), np.zeros((0, 0))),
+    ) -> None:
+        free = coordinates.free
+        sizes = np.array([deviation(c, 1.0) for c in free])
+        stds = np.array([tolerances.get(c.name, 0.0) for c in free])
+        covariance = np.diag(stds**2)
+        shared = [
+            (j, together[0].index(c.name)) for j, c in enumerate(free) if c.name in together[0]
+        ]
+        if shared:
+            own, told = (list(x) for x in zip(*shared, strict=True))
+            covariance[np.ix_(own, own)] = _covariance(together[1][told])
+        at = np.flatnonzero(np.diag(covariance) > 0)
         self.coordinates, self.centre = coordinates, coordinates.nominal
         #: (k, p) change of the residuals per coordinate.
-        self.rows = np.zeros((len(at), len(stds)))
-        self.rows[np.arange(len(at)), at] = [1 / stds[j] for j in at]
+        self.rows = np.zeros((len(at), len(free)))
+        lower = np.linalg.cholesky(covariance[np.ix_(at, at)])
+        self.rows[:, at] = np.linalg.inv(lower) / sizes[at]
 
     def residuals(self, z: Array) -> Array:
         """(k,) in standard deviations."""
@@ -71,9 +93,45 @@ class ToleranceLaw:
         return np.asarray(self.rows.T @ self.rows)
 
 
+def _covariance(root: Array) -> Array:
+    """(k, k) of relative errors by their (k, r) root, as far as such a law can be right.
+
+    A law that is straight is off by half the square of its width, and values by their rounding.
+    """
+    width = np.linalg.norm(root, axis=1)
+    return np.asarray(root @ root.T + np.diag((width**2 / 2) ** 2 + ROUNDING**2))
+
+
+def known_together(machine: Machine, but: Sequence[str]) -> tuple[Sequence[str], Array]:
+    """What a file's calibration says of its numbers together, see `ToleranceLaw`.
+
+    What it shares, such as the scale of all torques, is known once. Standard deviations alone
+    would count it once for each number.
+
+    Args:
+        machine: as its file states it.
+        but: names that have got another value since.
+    """
+    told = stated_posterior(machine)
+    if told is None or machine.calibration.get("lacking") != []:
+        return (), np.zeros((0, 0))
+    kept = [j for j, name in enumerate(told[0]) if name not in but]
+    return tuple(told[0][j] for j in kept), told[1][kept]
+
+
 def deviation(c: Coordinate, relative: float) -> float:
     """A relative standard deviation of a parameter, in its coordinate."""
     return relative * (1.0 if c.logarithmic or not c.nominal else abs(c.nominal / c.scale))
+
+
+def recentred(c: Coordinate, z: float, relative: float) -> float:
+    """The deviation of what was known beforehand, about another coordinate than the nominal one.
+
+    A value that was fitted with a physics that lacks something has no law of its own. What the
+    file states still holds, and the fit went astray by no more than it went from there.
+    """
+    centre = c.at(c.nominal) if c.nominal or not c.logarithmic else 0.0
+    return math.hypot(deviation(c, relative), z - centre)
 
 
 def widened(

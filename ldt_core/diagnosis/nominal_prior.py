@@ -13,7 +13,6 @@ import functools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import PurePath
 
 import numpy as np
 
@@ -22,6 +21,7 @@ from ldt_core.base.errors import OptionError, did_you_mean
 from ldt_core.diagnosis.candidate import Candidate
 from ldt_core.diagnosis.thresholds import THRESHOLDS
 from ldt_core.machine.machine_file import Machine
+from ldt_core.machine.stated_posterior import fitted_to, stated_posterior
 from ldt_core.physics.effect import Effect
 from ldt_core.physics.parameter import Parameter
 
@@ -46,8 +46,6 @@ NOMINAL = "nominal_parameters"  # name of the candidate
 #: Deviation of a logarithm that stands for no knowledge: a file fitted to the very recording that
 #: is diagnosed knows nothing beside it, and its values have made up for what the file lacks.
 UNKNOWN = 1.0
-SAME = 1e-3  # relative: a number of the file that differs by less is the calibrated one
-ALIKE = 0.3  # relative, of deviations: those in the file allow for few experiments as well
 WELL_KNOWN = 0.3  # deviation of a logarithm, up to which what it moves hardly changes its shape
 DIFFERENCE = 1e-3  # of a parameter, for difference quotients
 LONGEST_DIFFERENCE = 0.1  # deviations, for those known very well
@@ -180,7 +178,7 @@ def nominal_prior(
     else:
         names = _uncertain(machine)
     names = [n for n in known if n in names and machine.parameters[n] != 0]
-    if refit is None and _fitted_to(machine, recordings):
+    if refit is None and fitted_to(machine, recordings):
         return NominalPrior(machine, tuple(names), UNKNOWN * np.eye(len(names)), known=False)
     if refit is None and (together := _posterior(machine)) is not None:
         return _with_masses(together)
@@ -234,34 +232,11 @@ def _uncertain(machine: Machine) -> list[str]:
 
 
 def _posterior(machine: Machine) -> NominalPrior | None:
-    """What the file's calibration says of its numbers together; None where it says nothing.
-
-    Numbers that were edited since are not those that it speaks of.
-    """
-    told, free = (machine.calibration.get(key) for key in ("posterior", "free"))
-    try:
-        names = tuple(str(n) for n in told["parameters"])  # type: ignore[index]
-        root = np.array(told["root"], dtype=np.float64)  # type: ignore[index]
-        values = {str(n): float(e["value"]) for n, e in free.items()}  # type: ignore[union-attr]
-    except (KeyError, TypeError, ValueError, AttributeError):
+    """What the file's calibration says of its numbers together; None where it says nothing."""
+    told = stated_posterior(machine)
+    if told is None or not set(told[0]) <= {n for n in CHANGED_BY if machine.parameters.get(n)}:
         return None
-    if root.ndim != 2 or root.shape[0] != len(names) or not np.isfinite(root).all():
-        return None
-    parameters = machine.parameters
-    if not set(names) <= {n for n in CHANGED_BY if parameters.get(n)}:
-        return None
-    found = NominalPrior(machine, names, root, curved=set(MOTOR) <= set(names))
-    same = all(math.isclose(parameters[n], v, rel_tol=SAME) for n, v in values.items())
-    if machine.calibration.get("equivalent") or machine.calibration.get("lacking"):
-        # Its file states no deviations. A calibration to come would take them for its prior
-        # knowledge, and they may be of the same recording; or the physics lacks something.
-        alike = not machine.deviations
-    else:
-        told_of, known = machine.tolerances, found.deviations
-        alike = all(
-            math.isclose(told_of.get(n, 0.0), known.get(n, 0.0), rel_tol=ALIKE) for n in values
-        )
-    return found if same and alike and root.size else None
+    return NominalPrior(machine, *told, curved=set(MOTOR) <= set(told[0]))
 
 
 def _motor_along(values: Mapping[str, float], moved: Mapping[str, float]) -> dict[str, float]:
@@ -303,13 +278,6 @@ def _coefficients(logs: Array) -> Array:
     return np.log([k / whole, (inductance * b + r * j) / whole, inductance * j / whole])
 
 
-def _fitted_to(machine: Machine, recordings: Sequence[str]) -> bool:
-    """Whether the file says that it was fitted to one of these recordings, by their names."""
-    listed = machine.calibration.get("recordings")
-    told = [str(r) for r in listed] if isinstance(listed, list) else []
-    return bool({PurePath(r).name for r in told} & {PurePath(r).name for r in recordings})
-
-
 def known_colour(machine: Machine, recordings: Sequence[str] = ()) -> dict[str, tuple[float, ...]]:
     """By channel whose noise is not white, what the file's calibration saw of it.
 
@@ -321,7 +289,7 @@ def known_colour(machine: Machine, recordings: Sequence[str] = ()) -> dict[str, 
         strong at low frequencies.
     """
     told = machine.calibration
-    if told.get("lacking") != [] or _fitted_to(machine, recordings) or _posterior(machine) is None:
+    if told.get("lacking") != [] or fitted_to(machine, recordings) or _posterior(machine) is None:
         return {}
     noise, coloured = told.get("noise"), told.get("coloured_noise")
     if not isinstance(noise, dict) or not isinstance(coloured, dict):

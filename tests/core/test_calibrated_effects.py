@@ -54,11 +54,11 @@ def test_dry_friction_that_the_file_lacks_withholds_the_intervals():
     result = calibrate(motor(), measured, free=["J", "K_t", "b"])
     k_t = next(e for e in result.estimates if e.name == "K_t")
     assert abs(k_t.value - 0.055) > 0.001
-    assert all(e.ci95 is None and e.std is None for e in result.estimates)
+    assert all(e.ci95 is None for e in result.estimates)
     assert any("friction" in name for name in result.lacking)
     assert any("ldt calibrate --with" in note for note in result.notes)
     assert result.as_dict()["intervals"].startswith("withheld")
-    assert not result.machine.deviations
+    assert result.machine.tolerances["K_t"] > 0.05  # no less than the data sheet's
 
 
 def test_what_a_diagnosis_fitted_along_is_no_effect_of_the_machine(tmp_path):

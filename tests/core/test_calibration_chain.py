@@ -1,0 +1,126 @@
+"""Calibrations one after the other, each from the file of the one before: no false interval.
+
+The plant is a fan with its own equations: a rigid shaft that sticks, with drag and dry friction.
+Voltage and speed alone leave the common scale of its torques open; only the file states it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ldt_core.base.experiment import Experiment
+from ldt_core.calibration import calibrate
+from ldt_core.calibration.calibration import COUNTED_TWICE
+from ldt_core.calibration.machine_yaml import machine_file_text
+from ldt_core.diagnosis.nominal_prior import nominal_prior
+from ldt_core.effects import parse_effect
+from ldt_core.machine.machine_file import machine_from_dict, parse_machine
+
+TRUE = {
+    "J": 2e-4,
+    "K_t": 0.03,
+    "R": 1.2,
+    "L": 5e-4,
+    "b": 2e-5,
+    "quadratic_drag.c": 1.8e-6,
+    "coulomb_friction.torque": 3e-3,
+}
+DRAG = parse_effect("quadratic_drag:c=1.7e-6")
+FRICTION = parse_effect("coulomb_friction:torque=2.5e-3")
+PERIOD, SAMPLES, STEPS = 0.01, 400, 40
+
+
+def recorded(seed: int, count: int = 6, **others: float) -> list[Experiment]:
+    """Experiments of the fan, under steps that begin from standstill."""
+    rng = np.random.default_rng(seed)
+    j, k, r, el, b, c, dry = {**TRUE, **others}.values()
+    volts = np.repeat(rng.uniform(-12, 12, (count, SAMPLES // 80)), 80, axis=1)
+    w, i = np.zeros(count), np.zeros(count)
+    speed, h = np.zeros((count, SAMPLES)), PERIOD / STEPS
+    for n in range(SAMPLES):
+        speed[:, n] = w
+        for _ in range(STEPS):
+            i = (i + h / el * (volts[:, n] - k * w)) / (1 + h * r / el)
+            w = w + h / j * (k * i - b * w - c * w * np.abs(w))
+            w = np.sign(w) * np.maximum(np.abs(w) - h * dry / j, 0.0)
+    speed += rng.normal(0, 1.0, speed.shape)
+    pairs = zip(volts, speed, strict=True)
+    return [Experiment(n, 10.0 * n, PERIOD, v, s) for n, (v, s) in enumerate(pairs, start=1)]
+
+
+def sheet(seed: int):
+    """The fan's data sheet: its numbers are off by their tolerances, friction and drag missing."""
+    rng, names = np.random.default_rng(seed), ("J", "K_t", "R", "L", "b")
+    off = dict(zip(names, (0.05, 0.05, 0.05, 0.1, 0.2), strict=True))
+    return machine_from_dict(
+        {
+            "name": "fan",
+            "physics": "dc_motor",
+            "parameters": {n: float(TRUE[n] * np.exp(rng.normal(0, off[n]))) for n in names},
+            "limits": {"voltage": [-13, 13]},
+            "experiment": {"duration": PERIOD * SAMPLES, "sample_period": PERIOD},
+        },
+        "fan.yaml",
+    )
+
+
+def written(found):
+    """The machine as the next command reads it."""
+    return parse_machine(machine_file_text(found), "fan.yaml")
+
+
+@pytest.fixture(scope="module", params=[1, 2, 3])
+def chain(request):
+    """A calibration with the drag alone, and from its file another with the friction as well."""
+    measured = recorded(request.param)
+    first = calibrate(sheet(request.param), measured, acting=[DRAG])
+    return first, calibrate(written(first), measured, acting=[FRICTION])
+
+
+def test_a_value_whose_interval_was_withheld_comes_back_as_uncertain(chain):
+    """It was written without std, which is exact for an effect: all torques hung on that drag."""
+    first, second = chain
+    assert first.lacking
+    file = written(first)
+    assert set(file.deviations) == {e.name for e in first.estimates}
+    for e in first.estimates:  # no less than was known, and as far as the fit went from there
+        known = e.nominal * {**sheet(0).tolerances, "quadratic_drag.c": 1.0}[e.name]
+        least = np.hypot(known, e.value - e.nominal)
+        assert file.deviations[e.name] == pytest.approx(least, rel=0.3)  # of a factor and a number
+    assert not second.fixed
+
+
+def test_intervals_after_withheld_ones_hold_the_truth(chain):
+    """J had 0.00018 within 0.7 %, where 0.0002 was right."""
+    _, second = chain
+    assert second.lacking == []
+    off = {e.name: (e.value - TRUE[e.name]) / e.std for e in second.estimates}
+    assert all(abs(o) < 2.6 for o in off.values()), off
+
+
+def test_a_scale_that_only_the_file_states_stays_as_uncertain_as_it_was(chain):
+    """Each calibration anew counted the deviation of J, R and every torque as knowledge of its own.
+
+    After three the interval of J was 2.6 times too narrow.
+    """
+    _, second = chain
+    file = written(second.with_recordings(["bench"]))
+    third = calibrate(file, recorded(9))
+    assert COUNTED_TWICE not in third.with_recordings(["another"]).notes
+    assert COUNTED_TWICE in third.with_recordings(["bench"]).notes
+    stds = [{e.name: e.std / e.value for e in found.estimates} for found in (second, third)]
+    assert stds[0]["J"] > 0.03
+    for name in ("J", "R", "quadratic_drag.c"):
+        assert stds[1][name] > 0.9 * stds[0][name]
+
+
+def test_a_diagnosis_still_reads_the_posterior_of_a_file_that_lacks_something():
+    """The deviations beside it are the calibration's own, not those of another hand."""
+    found = calibrate(sheet(1), recorded(1, **{"quadratic_drag.c": 0.0}))
+    assert found.lacking
+    assert found.machine.deviations
+    told = nominal_prior(written(found)).deviations
+    assert told == pytest.approx(found.posterior.deviations, rel=1e-4)
+    edited = written(found).with_deviations({"K_t": 1e-4})
+    assert nominal_prior(edited).deviations["K_t"] == pytest.approx(edited.tolerances["K_t"])
