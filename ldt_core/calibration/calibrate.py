@@ -66,6 +66,7 @@ def calibrate(
     fixed: Sequence[str] = (),
     holdout: float | None = None,
     acting: Sequence[tuple[Effect, Mapping[str, float]]] = (),
+    along: Sequence[tuple[Effect, Mapping[str, float]]] = (),
     tick: Callable[[str], None] = lambda doing: None,
 ) -> Calibration:
     """Fit a machine's parameters to experiments, in free run.
@@ -83,6 +84,7 @@ def calibrate(
         fixed: names that stay; not together with `free`.
         holdout: share of the experiments to judge by, None for a quarter when there are at least 4.
         acting: effects to take into the machine file and to fit along, from these values.
+        along: changes of the file's own numbers, from where another fit begins; the better counts.
         tick: called often with what is being done, for a progress display.
 
     Raises:
@@ -108,6 +110,7 @@ def calibrate(
     with threadpool_limits(1):  # sums in one order: the same numbers on every run
         taken = [own_name(e.name, p.name) for e, _ in acting for p in e.parameters]
         work = _Work(before, machine, kept, list(free), list(fixed), taken, tick)
+        work.begin_also(along)
         try:
             return work.result(held_out, part)
         except LdtError as error:
@@ -146,6 +149,7 @@ class _Work:
         self.together = known_together(before, taken)
         self.named = free = [*free, *(n for n in taken if n not in free)] if free else []
         self.values: Mapping[str, float] = machine.parameters
+        self.other_starts: list[Mapping[str, float]] = []
         self.reasons: dict[str, str] = {}
         for p in self.physics.parameters:
             if free and p.name not in free:
@@ -160,6 +164,13 @@ class _Work:
                 self.reasons[p.name] = Reason.OPTIONAL
         self._doing = "looking at what the recording determines"
         self._tick = tick
+
+    def begin_also(self, changes: Sequence[tuple[Effect, Mapping[str, float]]]) -> None:
+        """Begin another fit from the file's values with these changes."""
+        values = self.values
+        for effect, given in changes:
+            values = effect.change_parameters(self.physics, values, given)
+        self.other_starts += [values] if changes else []
 
     def tick(self) -> None:
         self._tick(self._doing)
@@ -267,6 +278,7 @@ class _Work:
         if values is self.values:
             runs = CalibrationRuns(self.physics, self.values, self.experiments, self.tick)
             candidates = starts(self.physics, whole, runs)
+            candidates += [whole.inside(whole.at(start)) for start in self.other_starts]
         else:
             candidates = [whole.at(values)]
         at = whole.values(whole.inside(candidates[0]))
@@ -279,14 +291,17 @@ class _Work:
         picked = [whole.names.index(n) for n in inner.names]
         prior = ToleranceLaw(inner, self.prior, self.together) if self.joint else None
         best: tuple[Array, bool, CalibrationRuns] | None = None
+        least = math.inf
         for number, start in enumerate(candidates, start=1):
             self._doing = "fitting " + ", ".join(inner.names)
             if len(candidates) > 1:
                 self._doing += f" (start {number} of {len(candidates)})"
             fresh = CalibrationRuns(self.physics, at, self.experiments, self.tick)
             done = fit(fresh, inner, start[picked], prior)
-            if best is None or math.prod(fresh.noise) < math.prod(best[2].noise):
-                best = *done, fresh
+            off = prior.residuals(done[0]) if prior else np.zeros(0)
+            loss = fresh.log_noise + 0.5 * float(off @ off)
+            if best is None or loss < least:
+                best, least = (*done, fresh), loss
         assert best is not None
         z, converged, runs = best
         self._doing = "estimating the intervals"

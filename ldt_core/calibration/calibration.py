@@ -254,9 +254,14 @@ def notes(calibration: Calibration, seen: Identifiability, white: float, same: f
     if calibration.lacking:
         shown = calibration.lacking[:MOST_NAMED]
         more = " or another" if len(calibration.lacking) > MOST_NAMED else ""
+        has = [spoken(n) for n in shown if n in calibration.machine.acting]
+        beside = (
+            f". The machine file has {listed(has)}, but in another amount or by another law."
+            if has
+            else ", which the machine file lacks."
+        )
         said.append(
-            f"What is left looks like {listed([spoken(n) for n in shown], 'or')}{more}, which the "
-            "machine file lacks."
+            f"What is left looks like {listed([spoken(n) for n in shown], 'or')}{more}{beside}"
         )
     if calibration.lacking != []:
         said.append(

@@ -84,6 +84,13 @@ class CalibrationRuns:
         """Start states that are estimated, of all experiments together."""
         return sum(len(u) for u in self._unknown)
 
+    @property
+    def log_noise(self) -> float:
+        """Of all samples, summed: minus the logarithm of how likely they are, but a constant."""
+        counts = [sum(map(len, self.experiments))]
+        counts += [sum(len(e) for e in self.experiments if e.current is not None)]
+        return sum(n * math.log(size) for n, size in zip(counts, self.noise, strict=True))
+
     def residuals(self, values: Mapping[str, float]) -> list[Array]:
         """What is left of each experiment in noise deviations: (rows,) a piece.
 

@@ -15,6 +15,9 @@ from ldt_core.calibration.identifiability import NORMAL_95, uncertainty
 from ldt_core.calibration.lack_of_fit import lack_of_fit
 from ldt_core.machine.machine_file import Machine
 
+#: Deviation of the logarithm of an L that no sample shows: it is below, by how much nobody knows.
+#: A sample period over R, which would show, is 4.6 deviations off.
+UNSEEN = 1.0
 FITTED = ("J", "K_t", "L")  # R and b are convention
 
 
@@ -23,7 +26,7 @@ def equivalent_posterior(
 ) -> Posterior | None:
     """What the recordings leave open of J, K_t and L, by the covariance of `identifiability`.
 
-    L of a motor with one time constant does not show: its tolerance is the usual one.
+    L of a motor with one time constant does not show: its law is wide.
 
     Args:
         machine: the equivalent motor that was fitted to them.
@@ -48,8 +51,7 @@ def equivalent_posterior(
         return None
     lengths = [len(e) for e in experiments]
     spread = uncertainty(sensitivities, runs.residuals(values), lengths, runs.unknowns)
-    vague = machine.tolerances[FITTED[-1]]
-    root = vague * np.eye(len(FITTED))
+    root = UNSEEN * np.eye(len(FITTED))
     count, wider = len(names), spread.quantile / NORMAL_95
     covariance = wider**2 * spread.covariance + lack.shifts.T @ lack.shifts
     size, directions = np.linalg.eigh(covariance)

@@ -112,8 +112,8 @@ def known_together(machine: Machine, but: Sequence[str]) -> tuple[Sequence[str],
         machine: as its file states it.
         but: names that have got another value since.
     """
-    told = stated_posterior(machine)
-    if told is None or machine.calibration.get("lacking") != []:
+    told, calibration = stated_posterior(machine), machine.calibration
+    if told is None or (calibration.get("lacking") != [] and not calibration.get("equivalent")):
         return (), np.zeros((0, 0))
     kept = [j for j, name in enumerate(told[0]) if name not in but]
     return tuple(told[0][j] for j in kept), told[1][kept]

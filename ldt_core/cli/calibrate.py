@@ -26,6 +26,7 @@ from ldt_core.cli.terminal import echo_json
 
 if TYPE_CHECKING:
     from ldt_core.calibration import Calibration
+    from ldt_core.diagnosis.fitted_along import Used
 
 INTERVAL = "95 % interval"  # the column that is folded where the terminal is narrow
 
@@ -90,11 +91,13 @@ def command(
     from ldt_core.views.page import style
 
     machine = load_machine(settings["machine"])
-    acting = []
+    acting: list[Used] = []
+    along: list[Used] = []
     if diagnosis:
-        from ldt_core.diagnosis.diagnosis import read_effects
+        from ldt_core.diagnosis.diagnosis import read_diagnosis
+        from ldt_core.diagnosis.fitted_along import acting_and_along
 
-        acting = read_effects(diagnosis, machine, along=False)
+        acting, along = acting_and_along(diagnosis, read_diagnosis(diagnosis, machine))
         warn_of_nothing(diagnosis, acting)
     check_names(machine.with_effects(acting), free, fixed)
     check_file(out, force)
@@ -110,6 +113,7 @@ def command(
             fixed=fixed,
             holdout=holdout,
             acting=acting,
+            along=along,
             tick=tick,
         ).with_recordings(recordings)
     write_machine_file(found, out, force)

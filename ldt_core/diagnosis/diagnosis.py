@@ -264,32 +264,29 @@ def _json(value: Any) -> Any:
 
 
 def read_effects(
-    file: str | Path, machine: Machine | None = None, own: Sequence[Effect] = (), along: bool = True
+    file: str | Path, machine: Machine | None = None, own: Sequence[Effect] = ()
 ) -> list[tuple[Effect, dict[str, float]]]:
-    """The verdict's effects with their parameters from a `diagnosis.json`.
+    """The effects with their parameters from a `diagnosis.json`, by its key `effects`.
 
     A file's text is never run: an effect of the user's own must be given beside it.
 
     Args:
         machine: that is to have them; None takes any.
         own: effects that are not in the library.
-        along: also the machine's own numbers that were fitted along, which nobody names.
 
     Raises:
         BadInput: the file cannot be read, is no diagnosis, or one of another machine.
         OptionError: an unknown effect, or a parameter outside its bounds.
     """
     found = read_diagnosis(file, machine)
-    used = used_effects(str(file), acting_entries(str(file), found), own)
-    named = found["verdict"].get("effects")
-    return used if along or not isinstance(named, list) else [u for u in used if u[0].name in named]
+    return used_effects(str(file), acting_entries(str(file), found), own)
 
 
 def used_effects(
     file: str, listed: Any, own: Sequence[Effect] = ()
 ) -> list[tuple[Effect, dict[str, float]]]:
     """Effects with their parameters, of a list like the key `effects`; errors as above."""
-    with _refused(file):
+    with refused(file):
         entries = [
             (str(e["effect"]), {str(n): _amount(v) for n, v in e["parameters"].items()})
             for e in listed
@@ -370,7 +367,7 @@ def acting_entries(where: str, found: Mapping[str, Any]) -> Any:
     """Each acting effect, unchecked; from the candidates if there is no `effects`."""
     if found.get("effects") is not None:
         return found["effects"]
-    with _refused(where):
+    with refused(where):
         names = list(found["verdict"]["effects"])
         if found["verdict"]["kind"] not in ("effect", "ambiguous"):
             names = []
@@ -384,7 +381,7 @@ def acting_entries(where: str, found: Mapping[str, Any]) -> Any:
 
 
 @contextmanager
-def _refused(where: str) -> Iterator[None]:
+def refused(where: str) -> Iterator[None]:
     """Turn what reading content of another kind raises into one sentence."""
     try:
         yield

@@ -12,11 +12,10 @@ from ldt_core.base.settings import check
 from ldt_core.calibration import calibrate as fit_machine
 from ldt_core.calibration.calibration import Calibration
 from ldt_core.calibration.machine_yaml import write_machine_file
-from ldt_core.diagnosis.diagnosis import Diagnosis, read_effects
-from ldt_core.effects import get_effect
+from ldt_core.diagnosis.diagnosis import Diagnosis, read_diagnosis
+from ldt_core.diagnosis.fitted_along import Used, acting_and_along
 from ldt_core.machine.machine_file import Machine
 from ldt_core.notebook.recorded_experiments import ExperimentsLike, MachineLike, possible
-from ldt_core.physics.effect import Effect
 
 
 class FittedMachine(Calibration):
@@ -79,7 +78,7 @@ def calibrate(
         LdtError: the experiments determine nothing, or the fit failed.
     """
     experiments, known = possible(recording, machine)
-    acting = [] if with_ is None else _named(with_, known)
+    acting, along = ([], []) if with_ is None else _named(with_, known)
     found = fit_machine(
         known,
         list(experiments),
@@ -87,15 +86,16 @@ def calibrate(
         fixed=check("fixed", fixed, {"type": "string_array"}),
         holdout=None if holdout is None else check("holdout", holdout, {"type": "double"}),
         acting=acting,
+        along=along,
     )
     named = found.with_recordings([experiments.path] if experiments.path else [])
     return FittedMachine(**vars(named))
 
 
-def _named(diagnosis: object, machine: Machine) -> list[tuple[Effect, dict[str, float]]]:
+def _named(diagnosis: object, machine: Machine) -> tuple[list[Used], list[Used]]:
     if isinstance(diagnosis, Diagnosis):
-        listed = (e for e in diagnosis.effects if e["effect"] in diagnosis.verdict.effects)
-        return [get_effect(e["effect"]).used(e["parameters"]) for e in listed]
+        return acting_and_along("with_", diagnosis.as_dict())
     if isinstance(diagnosis, str | os.PathLike):
-        return read_effects(Path(diagnosis), machine, along=False)
+        file = Path(diagnosis)
+        return acting_and_along(str(file), read_diagnosis(file, machine))
     raise ArgumentTypeError("with_", "a diagnosis or its file", described(diagnosis))

@@ -10,10 +10,11 @@ import pytest
 import yaml
 
 import ldt_core as ldt
-from ldt_core.base.errors import ArgumentTypeError, MachineFileError
+from ldt_core.base.errors import ArgumentTypeError, BadInput, MachineFileError
 from ldt_core.calibration import calibrate
 from ldt_core.calibration.machine_yaml import machine_file_text
 from ldt_core.diagnosis.diagnosis import read_effects
+from ldt_core.diagnosis.fitted_along import acting_and_along
 from ldt_core.effects import get_effect, parse_effect
 from ldt_core.machine.machine_file import Machine, machine_from_dict, parse_machine
 from tests.motors import all_but
@@ -62,17 +63,28 @@ def test_dry_friction_that_the_file_lacks_withholds_the_intervals():
 
 
 def test_what_a_diagnosis_fitted_along_is_no_effect_of_the_machine(tmp_path):
-    """A motor constant of 1.00008 stood in the file as known to act; it is fitted as K_t."""
+    """A motor constant of 1.00008 stood in the file as known to act; it is fitted as K_t.
+
+    An effect that a person adds to the key `effects` acts, whatever the verdict says.
+    """
     entries = [
         {"effect": "coulomb_friction", "parameters": {"torque": 0.03}},
+        {"effect": "quadratic_drag", "parameters": {"c": 1e-6}},
         {"effect": "motor_constant", "parameters": {"factor": 1.00008}},
     ]
-    verdict = {"kind": "effect", "effects": ["coulomb_friction"]}
+    found = {
+        "verdict": {"kind": "effect", "effects": ["coulomb_friction"]},
+        "effects": entries,
+        "refit": [{"parameter": "K_t", "factor": 1.00008}],
+    }
+    acting, along = acting_and_along("diagnosis.json", found)
+    assert [e.name for e, _ in acting] == ["coulomb_friction", "quadratic_drag"]
+    assert [e.name for e, _ in along] == ["motor_constant"]
     file = tmp_path / "diagnosis.json"
-    file.write_text(json.dumps({"verdict": verdict, "effects": entries}))
-    assert [e.name for e, _ in read_effects(file, motor(), along=False)] == ["coulomb_friction"]
-    predicted = ["coulomb_friction", "motor_constant"]
-    assert [e.name for e, _ in read_effects(file, motor())] == predicted
+    file.write_text(json.dumps(found))
+    assert [e.name for e, _ in read_effects(file, motor())] == [e["effect"] for e in entries]
+    with pytest.raises(BadInput, match=r"diagnosis\.json: expected a list of"):
+        acting_and_along("diagnosis.json", {**found, "refit": [3]})
 
 
 @pytest.mark.parametrize(

@@ -124,3 +124,34 @@ def test_a_diagnosis_still_reads_the_posterior_of_a_file_that_lacks_something():
     assert told == pytest.approx(found.posterior.deviations, rel=1e-4)
     edited = written(found).with_deviations({"K_t": 1e-4})
     assert nominal_prior(edited).deviations["K_t"] == pytest.approx(edited.tolerances["K_t"])
+
+
+@pytest.fixture(scope="module")
+def imitating():
+    """A motor that imitates drag and friction, its numbers far off, and the fan's experiments."""
+    numbers = {"J": 3.5e-4, "K_t": 0.0437, "R": 1.0, "L": 1e-4, "b": 0.0}
+    return machine_from_dict({**sheet(1).as_dict(), "parameters": numbers}, "fan.yaml"), recorded(1)
+
+
+def test_a_fit_begins_as_well_where_the_diagnosis_has_moved_the_file_s_numbers(imitating):
+    """From the file's own numbers it ended where the friction is none, with more left."""
+    machine, measured = imitating
+    along = [parse_effect("inertia:factor=0.7"), parse_effect("motor_constant:factor=0.7")]
+    alone = calibrate(machine, measured, acting=[FRICTION, DRAG])
+    found = calibrate(machine, measured, acting=[FRICTION, DRAG], along=along)
+    torque = {e.name: e for e in found.estimates}["coulomb_friction.torque"]
+    scale = 1.2 / found.machine.parameters["R"]  # by convention, of all torques
+    assert torque.value == pytest.approx(3e-3 * scale, rel=0.2)
+    assert found.errors["fit"][1].rmse < 0.95 * alone.errors["fit"][1].rmse
+    assert found.lacking == []
+
+
+def test_an_effect_that_the_file_has_is_not_said_to_be_lacking(imitating):
+    """Its torque is exact and far too small: what is left is more of it."""
+    machine, measured = sheet(1).with_effects([DRAG]), recorded(2)
+    known = machine.with_effects([parse_effect("coulomb_friction:torque=1e-3")])
+    found = calibrate(known, measured)
+    assert "coulomb_friction" in found.lacking
+    (said,) = (n for n in found.notes if n.startswith("What is left looks like"))
+    assert "The machine file has coulomb friction" in said
+    assert "lacks" not in said

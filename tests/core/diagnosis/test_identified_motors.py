@@ -118,5 +118,7 @@ def test_a_file_knows_how_far_its_numbers_imitate_what_it_lacks(with_friction):
     for name, machine in with_friction.items():
         told = machine.calibration["posterior"]
         root = dict(zip(told["parameters"], np.linalg.norm(told["root"], axis=1), strict=True))
-        assert machine.deviations == {}
+        stated = {n: s / machine.parameters[n] for n, s in machine.deviations.items()}
+        assert (name == "calibrated") == bool(stated)
+        assert all(s >= 0.99 * machine.model.tolerances[n] for n, s in stated.items())
         assert 0.01 < root["K_t"] < 0.2, name
