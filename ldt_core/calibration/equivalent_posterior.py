@@ -13,11 +13,9 @@ from ldt_core.calibration.calibration_runs import CalibrationRuns
 from ldt_core.calibration.coordinates import Coordinate, Coordinates
 from ldt_core.calibration.identifiability import NORMAL_95, uncertainty
 from ldt_core.calibration.lack_of_fit import lack_of_fit
+from ldt_core.calibration.prior_knowledge import UNSEEN
 from ldt_core.machine.machine_file import Machine
 
-#: Deviation of the logarithm of an L that no sample shows: it is below, by how much nobody knows.
-#: A sample period over R, which would show, is 4.6 deviations off.
-UNSEEN = 1.0
 FITTED = ("J", "K_t", "L")  # R and b are convention
 
 

@@ -27,6 +27,8 @@ from ldt_core.machine.stated_posterior import stated_posterior
 #: Relative standard deviation of what a diagnosis found: its amount is right to its size. It holds
 #: what the recordings do not show.
 DIAGNOSED = 1.0
+#: The same of an L of which the recordings show little: its logarithm is right to a few times.
+UNSEEN = 1.0
 #: Of a coordinate: quotients of integrated runs are good to 5e-4 then, by an integrator that is
 #: good to 5e-6. A shorter one would drown what tells parameters apart.
 DIFFERENCE_BESIDE_PRIOR = 5e-3

@@ -11,7 +11,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -19,7 +19,8 @@ from ldt_core.base.arrays import Array
 from ldt_core.base.errors import BadInput, LdtError, OptionError, did_you_mean
 from ldt_core.base.experiment import Experiment, rms
 from ldt_core.base.sentences import listed
-from ldt_core.calibration.calibration import padded_range, rounded
+from ldt_core.calibration.calibration import free_run_error, padded_range, rounded
+from ldt_core.calibration.prior_knowledge import UNSEEN
 from ldt_core.effects import get_effect
 from ldt_core.estimation.linear.identification import (
     LEAST_F,
@@ -44,7 +45,9 @@ SHORTEST = 2  # samples, of which one change of speed comes: shorter ones say no
 #: has a little of every column in it.
 LEAST_GAIN = 0.1
 RESISTANCE = 1.0  # Ohm, by convention: speed and voltage say nothing of it
-FAST = 1e-3  # L / R over the sample period: no inductance shows
+#: L / R over the sample period: at the first none shows, at the last a span of changes is still
+#: not over. Each is tried in free run, since the balance says nothing of it.
+ELECTRIC = np.geomspace(1e-3, SPANS[0], 8)
 LOOSE = 0.3  # relative deviation of what the balance says: enough for a fit in free run to go on
 
 
@@ -256,7 +259,7 @@ def balanced_start(
     constant = damping / found.gain
     inertia = constant / (found.gain * RESISTANCE)
     period = experiments[0].period
-    known = {"R": RESISTANCE, "L": FAST * RESISTANCE * period, "b": 0.0}
+    known = {"R": RESISTANCE, "L": ELECTRIC[0] * RESISTANCE * period, "b": 0.0}
     values = {"J": rounded(inertia), "K_t": rounded(constant), **known}
     machine = Machine(
         name=name,
@@ -273,8 +276,12 @@ def balanced_start(
         torques = {n: v * inertia if n == "torque" else v for n, v in given.items()}
         acting.append((effect, effect.check({n: rounded(v) for n, v in torques.items()})))
     whole = machine.with_effects(acting)
+    tried = [
+        whole.with_parameters(L=rounded(float(share) * RESISTANCE * period)) for share in ELECTRIC
+    ]
+    whole = min(tried, key=lambda m: free_run_error(m, experiments).rmse)
     torques = {n: LOOSE * value for n, value in whole.parameters.items() if n.endswith(".torque")}
-    return replace(whole, deviations={**whole.deviations, **torques})
+    return whole.with_deviations({**torques, "L": UNSEEN * whole.parameters["L"]})
 
 
 def _mean(x: Array) -> Array:

@@ -6,13 +6,17 @@ Voltage and speed alone leave the common scale of its torques open; only the fil
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 
 from ldt_core.base.experiment import Experiment
 from ldt_core.calibration import calibrate
 from ldt_core.calibration.calibration import COUNTED_TWICE
+from ldt_core.calibration.identify import identify_machine
 from ldt_core.calibration.machine_yaml import machine_file_text
+from ldt_core.calibration.torque_balance import balanced_machine
 from ldt_core.diagnosis.nominal_prior import nominal_prior
 from ldt_core.effects import parse_effect
 from ldt_core.machine.machine_file import machine_from_dict, parse_machine
@@ -155,3 +159,25 @@ def test_an_effect_that_the_file_has_is_not_said_to_be_lacking(imitating):
     (said,) = (n for n in found.notes if n.startswith("What is left looks like"))
     assert "The machine file has coulomb friction" in said
     assert "lacks" not in said
+
+
+def test_an_inductance_of_which_the_accelerations_say_nothing_is_open():
+    """It was written as 1e-3 of a sample period times R, known to 10 %; no fit could leave it."""
+    measured = recorded(4, **{"quadratic_drag.c": 0.0, "L": 6e-3})
+    start = balanced_machine(measured, ["coulomb_friction"], "fan")
+    assert start.tolerances["L"] >= 1.0
+    found = calibrate(parse_machine(json.dumps(start.as_dict()), "fan.yaml"), measured)
+    assert found.errors["fit"][1].rmse < 1.1  # the noise is 1 rad/s
+    assert found.lacking == []
+    inductance = {e.name: e for e in found.estimates}["L"]
+    low, high = inductance.ci95
+    assert low < 5e-3 * found.machine.parameters["R"] < high
+    assert inductance.std < 0.3 * inductance.value
+
+
+def test_an_inductance_that_no_sample_shows_is_no_knowledge():
+    """The law of an identified motor held its L, a hundredth of a sample period, to 10 %."""
+    measured = recorded(5, **{"quadratic_drag.c": 0.0, "coulomb_friction.torque": 0.0})
+    found = identify_machine(measured, "fan")
+    assert found.form.order == 1
+    assert found.posterior.deviations["L"] >= 1.0
