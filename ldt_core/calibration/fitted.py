@@ -63,10 +63,14 @@ def estimates_of(
         z, width, (low, high) = float(found[c.name]), float(half[c.name]), c.bounds
         interval, value = None, rounded(c.value(z))
         spread = recentred(c, z, prior.get(c.name, DIAGNOSED))
+        ends = max(z - width, low), min(z + width, high)
+        # An interval that the search has cut off says nothing of what lies beyond.
+        cut = [end for end in ends if end in (low, high)]
+        physical = {c.parameter.low, c.parameter.high}
         sure = c.name not in unsure and width < high - low
+        sure = sure and all(c.value(end) in physical for end in cut)
         determined = determined and sure and value != 0
         if fitted.lacking == () and sure:
-            ends = max(z - width, low), min(z + width, high)
             interval = (rounded(c.value(ends[0])), rounded(c.value(ends[1])))
             spread = width / NORMAL_95
         std = rounded(spread * (abs(value) if c.logarithmic else abs(c.scale))) if value else None

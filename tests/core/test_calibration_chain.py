@@ -181,3 +181,13 @@ def test_an_inductance_that_no_sample_shows_is_no_knowledge():
     found = identify_machine(measured, "fan")
     assert found.form.order == 1
     assert found.posterior.deviations["L"] >= 1.0
+
+
+def test_an_interval_that_the_search_has_cut_off_is_none():
+    """L ran to a thousandth of the file's, does not show there, and was "at most" the file's."""
+    measured = recorded(22)
+    first = calibrate(sheet(22), measured)
+    found = calibrate(written(first), measured, acting=[DRAG, FRICTION])
+    assert found.lacking == []
+    assert [e.name for e in found.estimates if e.ci95 is None] == ["L"]
+    assert found.machine.tolerances["L"] > 5
