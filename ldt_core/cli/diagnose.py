@@ -229,7 +229,7 @@ def _row(a: RecordingAnswer) -> list[str]:
 def _print(found: Diagnosis, folder: Path) -> None:
     from ldt_core.diagnosis.sentence import applied, values
     from ldt_core.views.diagnosis_page.diagnosis_page import JSON, PAGE
-    from ldt_core.views.diagnosis_page.diagnosis_sections import next_step
+    from ldt_core.views.diagnosis_page.next_step import next_step
 
     console = Console()
     console.print(found.verdict.sentence)

@@ -29,6 +29,7 @@ from ldt_core.diagnosis.recorded_units import FITS
 from ldt_core.views.diagnosis_page import diagnosis_page, diagnosis_sections
 from ldt_core.views.diagnosis_page.diagnosis_page import picture
 from ldt_core.views.diagnosis_page.headline import WORDS, headline
+from ldt_core.views.diagnosis_page.next_step import next_step
 from ldt_core.views.diagnosis_page.number_format import amount, percent, value_of
 from ldt_core.views.diagnosis_page.signal_curves import binned, orders, spectrum
 from ldt_core.views.diagnosis_page.time_curves import corners, shown_free_runs
@@ -489,14 +490,14 @@ def test_a_gap_that_differs_between_experiments_asks_what_changed_when():
     found, kept = fake_diagnosis("unknown"), Path("diagnosis.json")
     changed = replace(found, where=[GapLocation("experiment", 5, 8, "", 0.9, 0.5)])
     steady = replace(found, where=[GapLocation("speed", 5, 8, "rad/s", 0.9, 0.5)])
-    assert diagnosis_sections.next_step(changed, kept)[1].endswith("--out played --diagnose")
-    assert diagnosis_sections.next_step(steady, kept)[1].endswith("--out played")
+    assert next_step(changed, kept)[1].endswith("--out played --diagnose")
+    assert next_step(steady, kept)[1].endswith("--out played")
 
 
 def test_a_unit_that_explains_the_gap_is_mended_before_anything_is_added():
     """The import, not the machine file with a sensor's gain of 9.55."""
     found = replace(fake_diagnosis("effect"), notes=[f"check the unit: in rpm {FITS}"])
-    words, command = diagnosis_sections.next_step(found, Path("diagnosis.json"))
+    words, command = next_step(found, Path("diagnosis.json"))
     assert words.endswith("import again")
     assert command.startswith("ldt import TABLE --speed NAME:UNIT")
 
@@ -504,7 +505,7 @@ def test_a_unit_that_explains_the_gap_is_mended_before_anything_is_added():
 def test_where_no_experiment_tells_causes_apart_the_first_is_added():
     """A winding and its supply: there was no next step at all."""
     found = replace(fake_diagnosis("ambiguous"), next_experiment=None)
-    words, command = diagnosis_sections.next_step(found, Path("diagnosis.json"))
+    words, command = next_step(found, Path("diagnosis.json"))
     assert words.startswith("as no experiment tells them apart")
     assert "--with diagnosis.json" in command
 

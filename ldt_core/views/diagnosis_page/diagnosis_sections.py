@@ -6,14 +6,13 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import msgs_config
 from ldt_core.base.printable import as_argument
 from ldt_core.base.sentences import counted, listed, ranges, spans
 from ldt_core.diagnosis.diagnosis import Diagnosis, RankedCandidate, Refit
-from ldt_core.diagnosis.recorded_units import FITS
 from ldt_core.diagnosis.sentence import applied
 from ldt_core.views.diagnosis_page import gap_curves, ranking, time_curves
 from ldt_core.views.diagnosis_page.headline import WORDS, headline, no_effect_needed
+from ldt_core.views.diagnosis_page.next_step import machine_argument, next_step
 from ldt_core.views.diagnosis_page.number_format import (
     NOTHING,
     amount,
@@ -118,7 +117,7 @@ def gap(diagnosis: Diagnosis, kept: Path) -> Section:
     if diagnosis.effects:
         recording = as_argument(next(iter(diagnosis.recordings), "RECORDING"))
         command = (
-            f"ldt predict {recording} --machine {_machine(diagnosis)} "
+            f"ldt predict {recording} --machine {machine_argument(diagnosis)} "
             f"--with {as_argument(str(kept))} --out predicted"
         )
         section.blocks += [
@@ -126,48 +125,6 @@ def gap(diagnosis: Diagnosis, kept: Path) -> Section:
             Text(command, "code"),
         ]
     return section
-
-
-def next_step(diagnosis: Diagnosis, kept: Path) -> tuple[str, str]:
-    """What to do with the answer, and the command; ("", "") where an experiment comes next.
-
-    Args:
-        kept: the file for programs.
-    """
-    machine = _machine(diagnosis)
-    recordings = [as_argument(name) for name in diagnosis.recordings] or ["RECORDING"]
-    play = f"ldt run --play {recordings[0]} --machine {machine} --out played"
-    calibrated = f"ldt calibrate {' '.join(recordings)} --machine {machine}"
-    fitted = f"{calibrated} --with {as_argument(str(kept))} --out FILE.yaml"
-    if any(FITS in note for note in diagnosis.notes):
-        again = f"ldt import TABLE --speed NAME:UNIT ... --out {recordings[0]} --force"
-        return "unless the speed's unit and sign are right, import again", again
-    alike = "as no experiment tells them apart, add the first of them to the machine file"
-    return {
-        "effect": ("add what was found to the machine file", fitted),
-        "ambiguous": (alike, fitted) if diagnosis.next_experiment is None else ("", ""),
-        "unknown": (
-            (
-                "as the gap differs between experiments, let a twin find what changed, and when",
-                f"{play} --diagnose",
-            )
-            if any(place.quantity == "experiment" for place in diagnosis.where)
-            else (
-                "let a twin learn what has no name, or add an effect of yours (ldt docs effect)",
-                play,
-            )
-        ),
-        "none": ("fit the file's numbers anew", f"{calibrated} --out FILE.yaml")
-        if no_effect_needed(diagnosis)
-        else ("let the twin watch for changes", play),
-    }.get(diagnosis.verdict.kind, ("", ""))
-
-
-def _machine(diagnosis: Diagnosis) -> str:
-    """The machine as a command takes it: a file as it was given, or a shipped one's name."""
-    file = Path(diagnosis.machine_file or "FILE")
-    shipped = not file.exists() and file.stem in msgs_config.machine_names()
-    return as_argument(file.stem if shipped else str(file))
 
 
 def _added(diagnosis: Diagnosis, effect: Mapping[str, Any]) -> tuple[str, str]:
@@ -367,7 +324,7 @@ def following(diagnosis: Diagnosis) -> Section:
         Text(
             f"ldt import next.csv {' '.join(fields)} --sample-period {then.sample_period:g} "
             f"--length {length:g} --out next\n"
-            f"ldt diagnose {recordings} next --machine {_machine(diagnosis)} --out again",
+            f"ldt diagnose {recordings} next --machine {machine_argument(diagnosis)} --out again",
             "code",
         ),
     ]
