@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import click
 from rich.table import Table
 
 from ldt_core.base.errors import OptionError
-from ldt_core.base.printable import one_line
+from ldt_core.base.printable import as_argument, one_line
 from ldt_core.base.sentences import counted
 from ldt_core.cli.console import Console
 from ldt_core.cli.options import (
@@ -22,7 +23,7 @@ from ldt_core.cli.options import (
 )
 from ldt_core.cli.outputs import check_file, force_option
 from ldt_core.cli.progress import status
-from ldt_core.cli.terminal import echo_json
+from ldt_core.cli.terminal import echo, echo_json
 
 if TYPE_CHECKING:
     from ldt_core.calibration import Calibration
@@ -125,6 +126,7 @@ def command(
         echo_json(record)
     else:
         _print(found, out)
+        _print_next(found, recordings, out)
 
 
 def _print(found: Calibration, out: str) -> None:
@@ -152,3 +154,13 @@ def _print(found: Calibration, out: str) -> None:
     for note in found.notes:
         console.print(one_line(f"- {note}"))
     console.print(f"machine file: {out}")
+
+
+def _print_next(found: Calibration, recordings: Sequence[str], out: str) -> None:
+    """What to do with the file, and the command."""
+    played, file = as_argument(recordings[0]), as_argument(out)
+    words, command = "let the twin watch", f"ldt run --play {played} --machine {file} --out played"
+    if found.lacking != []:
+        given = " ".join(map(as_argument, recordings))
+        words, command = "what it lacks", f"ldt diagnose {given} --machine {file} --out why"
+    echo(one_line(f"Next, {words}: {command}"))
