@@ -62,8 +62,8 @@ class Summary:
         self.faulty = 0
         #: Experiments that came again, and were left out.
         self.repeated = 0
-        #: What is said of the last new model; "" where there was none.
-        self.learned = ""
+        # What the last new model is said to know, and what was said last of a change.
+        self._newest = self._changed = ""
         #: Verdicts of the diagnoses that were made, in their order.
         self.diagnoses: list[DiagnosisRecord] = []
         #: What people were advised last.
@@ -134,7 +134,8 @@ class Summary:
             change, since, _ = adaptation.reason.partition("; version")
             when = f"The last new model, at experiment {adaptation.number}: "
             known = since and change.startswith("since experiment")
-            self.learned = f"S{change[1:]}." if known else f"{when}{adaptation.reason}."
+            self._changed = f"S{change[1:]}." if known else self._changed
+            self._newest = "" if known else f"{when}{adaptation.reason}."
         if adaptation.details.get(PAUSED):
             self.note("learning was switched off for a while")
         if adaptation.details.get(DOUBTFUL) and DOUBTFUL not in self._noted:
@@ -196,6 +197,11 @@ class Summary:
         tried = self.adaptations or self.refusals
         what = "Learning did not help" if tried else "Nothing was learned"
         return f"{what}: the error is that of the original model ({number(original)} rad/s)."
+
+    @property
+    def learned(self) -> str:
+        """What has changed, as far as the new models know; "" where there was none."""
+        return f"{self._changed} {self._newest}".strip()
 
     @property
     def states(self) -> dict[str, int]:

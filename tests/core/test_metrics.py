@@ -206,3 +206,6 @@ def test_a_summary_says_what_has_changed(reason, said):
     summary.add_adaptation(Adaptation(3, Action.ADAPTED, 1, reason))
     summary.add_adaptation(Adaptation(4, Action.KEPT, 1, "the model explains it; version 1 stays"))
     assert summary.learned == said == summary.as_dict()["learned"]
+    summary.add_adaptation(Adaptation(5, Action.ADAPTED, 2, "version 2 estimates its causes anew"))
+    last = "The last new model, at experiment 5: version 2 estimates its causes anew."
+    assert summary.learned == (f"{said} {last}" if said.startswith("Since") else last)
