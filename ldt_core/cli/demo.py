@@ -62,6 +62,7 @@ def command(out: str, force: bool, as_json: bool) -> None:
         *map(one_line, summary.notes),
         f"A simulated rotor lost its balance over {counted(summary.experiments, 'experiment')}. "
         f"The twin learned {counted(summary.adaptations, 'time')}. {summary.outcome}",
+        *([one_line(summary.learned)] if summary.learned else []),
         f"Open in a browser: {page}",
         f"See it live:       ldt watch {bag} --rate 100",
         f"What to avoid now: ldt advise {bag}",
