@@ -381,8 +381,8 @@ class EffectSetSearch(SetFits):
             more = [] if self.spent else self.additions(rest, RIVALS + 1, RIVAL_CLOSE)
             tries += [self._with(rest, c, z) for c, z in more if c.name not in base.names]
         # A law of fewer parameters, and what no recording tells from a member, whatever it costs.
-        plain = self._with_plainer_laws(base)
-        tries += [t for b in (base, *plain) for t in self._with_twins(b)]
+        plain, twins = self._with_plainer_laws(base), self._with_twins(base)
+        tries += [*twins, *(t for b in plain for t in self._with_twins(b))]
         fitted, best, count = self.found.scouted, frozenset(base.names), len(base.effects)
         tried = {frozenset(f.names) for f in [*plain, *self._scout(tries)]}
         self._from_parts(base)
@@ -394,4 +394,7 @@ class EffectSetSearch(SetFits):
         by_loss = sorted(close, key=lambda f: f.loss)
         plain = sorted((f for f in by_loss if f.free < base.free), key=lambda f: f.free)
         chosen = dict.fromkeys([*by_loss[:FINISHED_RIVALS], *plain[:FINISHED_RIVALS]])
-        return [self.finish(f) for f in chosen]
+        done = [self.finish(f) for f in chosen]
+        for tried in twins:
+            self.as_far_as(base, tried)
+        return done

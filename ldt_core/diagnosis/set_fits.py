@@ -286,6 +286,22 @@ class SetFits:
         )
         self.found.fits[names] = min(found, more, key=lambda f: f.loss)
 
+    def as_far_as(self, base: EffectFit, tried: TriedSet) -> None:
+        """Fit a set on all experiments from where one ended that no data tell from it.
+
+        Of two that are one, either may have ended in a poor minimum.
+        """
+        order = sorted(range(len(tried.members)), key=lambda i: tried.members[i].name)
+        names, count = frozenset(c.name for c in tried.members), len(order)
+        before = self.found.fits.get(names)
+        if before and before.loss - base.loss < THRESHOLDS.chance_gain:
+            return
+        members = [*(tried.members[i] for i in order), *base.members[count:]]
+        start = [*(tried.start[i] for i in order), *base.z[count:]]
+        more = fit(self.residuals, members, start, own=base.own, known=base.starts)
+        if before is None or more.loss < before.loss:
+            self.found.fits[names] = more
+
     def _without(self, base: EffectFit, leave: int) -> EffectFit:
         """A scouted set without one of its members, scouted as well."""
         kept = [i for i in range(len(base.effects)) if i != leave]
