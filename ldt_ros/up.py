@@ -28,7 +28,7 @@ from ldt_ros.graph.supervisor import Supervisor
 
 if TYPE_CHECKING:
     from ldt_ros.graph.machine_run import MachineRun
-    from ldt_ros.graph.node_graph import OnStep
+    from ldt_ros.graph.node_graph import OnStep, OnWarning
 
 #: Groups of parameters that `ldt up` offers and hands on to the nodes.
 GROUPS = (
@@ -91,12 +91,13 @@ def _run(
     supervisor: Supervisor,
     on_step: OnStep,
     stopped: Callable[[], bool],
+    on_warning: OnWarning = lambda machine, words: None,
 ) -> list[MachineRun]:
     from ldt_ros.graph.machine_run import machine_runs
     from ldt_ros.graph.node_graph import Graph
 
     runs = machine_runs(given)
-    Graph(runs, supervisor, on_step).run(stopped)
+    Graph(runs, supervisor, on_step, on_warning).run(stopped)
     return runs
 
 
@@ -144,7 +145,7 @@ def command(settings: dict[str, Any], force: bool, as_json: bool) -> None:
             names = [f"machine_{i + 1}" for i in range(count)] if count > 1 else [machine]
             total = None if settings["play"] else settings["experiments"]
             with RunProgress(dict.fromkeys(names, total)) as progress:
-                runs = _run(given, supervisor, progress.show, stop.is_set)
+                runs = _run(given, supervisor, progress.show, stop.is_set, progress.warn)
         print_summaries([(r.name, r.summary, str(r.bag)) for r in runs], settings, as_json)
     if stop.is_set() and not as_json and runs[0].bag.exists():
         from ldt_core.cli.terminal import echo

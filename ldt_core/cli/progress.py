@@ -147,6 +147,10 @@ class RunProgress:
             self._totals[machine],
         )
 
+    def warn(self, machine: str, words: str) -> None:
+        """What a person should look at, above the bars."""
+        self._progress.console.print(escape(one_line(f"{machine}, {words}")), soft_wrap=True)
+
 
 class ResumableProgress:
     """The progress of work that the same command continues where it was interrupted."""

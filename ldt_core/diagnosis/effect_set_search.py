@@ -395,6 +395,6 @@ class EffectSetSearch(SetFits):
         plain = sorted((f for f in by_loss if f.free < base.free), key=lambda f: f.free)
         chosen = dict.fromkeys([*by_loss[:FINISHED_RIVALS], *plain[:FINISHED_RIVALS]])
         done = [self.finish(f) for f in chosen]
-        for tried in twins:
-            self.as_far_as(base, tried)
+        for twin in twins:
+            self.as_far_as(base, twin)
         return done

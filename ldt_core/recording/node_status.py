@@ -30,11 +30,13 @@ class NodeStatus:
         name: with the machine's namespace ("press/twin").
         message: its state in words.
         values: all that it told, by key.
+        warns: whether a person should look at it.
     """
 
     name: str
     message: str
     values: Mapping[str, str]
+    warns: bool = False
 
     @property
     def machine(self) -> str:
@@ -92,4 +94,10 @@ def node_statuses(message: Any, namespace: str | None = None) -> Iterator[NodeSt
     for status in getattr(message, "status", ()):
         name = status.name.strip("/")
         if machine is None or name.rpartition("/")[0] == machine:
-            yield NodeStatus(name, status.message, {v.key: v.value for v in status.values})
+            values = {v.key: v.value for v in status.values}
+            yield NodeStatus(name, status.message, values, is_warning(status.level))
+
+
+def is_warning(level: bytes | int) -> bool:
+    """Whether the level of a status is more than OK: a byte in ROS, a number in a recording."""
+    return any(level) if isinstance(level, bytes) else bool(int(level))

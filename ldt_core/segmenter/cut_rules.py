@@ -80,7 +80,7 @@ class Collector:
         """The experiment, if the rows reach its last sample although none comes behind it."""
         if not self.rows:
             return None
-        last = (self.samples - 1 - GRID_TOLERANCE) * self.period
+        last = (self.samples - 1 - ROW_OF_NEXT) * self.period
         return self._split()[0] if self.rows[-1].time - self.rows[0].time >= last else None
 
     def _split(self) -> tuple[Cut, list[Row]]:

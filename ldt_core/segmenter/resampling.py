@@ -1,10 +1,10 @@
 """Measured samples at any times → samples on a uniform grid.
 
-Where the new period is no longer than the old one, the voltage is held from its last sample (that
-is what a voltage source does) and the other channels are interpolated linearly. Where it is longer,
-taking single samples would fold fast noise into the result: the voltage becomes its mean over the
-period that follows (the same volt-seconds), the others their mean over one period centred on the
-sample (no lag, first zero at the new sampling rate).
+The voltage is held from its last sample (that is what a voltage source does); where it changes
+within a new period, it becomes its mean over that (the same volt-seconds). Where the new period is
+no longer than the old one, the other channels are interpolated linearly. Where it is longer, taking
+single samples would fold fast noise into the result: they become their mean over one period centred
+on the sample (no lag, first zero at the new sampling rate).
 """
 
 from __future__ import annotations
@@ -82,20 +82,26 @@ def resample(series: Series, grid: Samples, period: float, held: bool) -> Sample
     `held` channels, a voltage, are constant from one sample to the next.
     """
     time, values = series.time, series.values
+    if held:
+        # A sample that the clock's rounding puts just behind a grid point still counts for it.
+        near = GRID_TOLERANCE * period
+        first = np.searchsorted(time, grid + near, side="right") - 1
+        last = np.searchsorted(time, grid + period - near) - 1
+        kept = values[np.maximum(first, 0)]
+        return np.where(first >= last, kept, _mean(series, grid, grid + period, held))
     old = float(np.median(np.diff(time))) if time.size > 1 else period
     if period < DOWNSAMPLING_RATIO * old:
-        if held:
-            # A sample that the clock's rounding puts just behind a grid point still counts for it.
-            index = np.searchsorted(time, grid + GRID_TOLERANCE * period, side="right") - 1
-            return values[np.maximum(index, 0)]
         return np.interp(grid, time, values)
-    begin = grid if held else grid - period / 2
-    end = begin + period
-    if not held:  # past the ends there is nothing to average
-        begin, end = np.maximum(begin, time[0]), np.minimum(end, time[-1])
-    return (_integral(time, values, end, held) - _integral(time, values, begin, held)) / (
-        end - begin
-    )
+    begin, end = grid - period / 2, grid + period / 2
+    # Past the ends there is nothing to average.
+    return _mean(series, np.maximum(begin, time[0]), np.minimum(end, time[-1]), held)
+
+
+def _mean(series: Series, begin: Samples, end: Samples, held: bool) -> Samples:
+    """(L,) from these times (L,) to those."""
+    time, values = series.time, series.values
+    whole = _integral(time, values, end, held) - _integral(time, values, begin, held)
+    return whole / (end - begin)
 
 
 def _integral(time: Samples, values: Samples, at: Samples, held: bool) -> Samples:

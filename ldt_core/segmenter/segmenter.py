@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter, deque
 from collections.abc import Sequence
+from statistics import median
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,6 +18,8 @@ from ldt_core.segmenter.resampling import GAP_PERIODS, GRID_TOLERANCE
 Sample = tuple[float, float]  # s, SI unit
 CHANNELS = ("voltage", "speed", "current")
 DEFAULT_LATENESS = 1.0  # s; two topics came 20 ms apart on a computer overloaded sevenfold
+LONGEST_WAY = 10.0  # s that a message may take; a stamp that is older is of another clock
+PACE_ROWS = 50  # of which the last tell how often the speed comes
 MOST_ROWS = 5_000_000  # that wait or are under way; more is a stream of the wrong unit of time
 
 
@@ -150,20 +153,23 @@ class StreamAligner:
 class ArrivalClock:
     """Gives a message without a stamp the time of its arrival, on the clock of those with one.
 
-    The stamps' clock is taken to be behind ours by as much as the last stamped message was.
+    The stamps' clock is taken to be behind ours by as much as the quickest stamped message was:
+    what took longer was under way for longer. A clock that begins anew is another one.
     """
 
     def __init__(self) -> None:
-        self._behind = 0.0
+        self._behind: float | None = None
 
     def stamped(self, stamp: float, now: float) -> float:
         """Time of a message with a stamp that arrives now [s]."""
-        self._behind = now - stamp
+        behind, known = now - stamp, self._behind
+        if known is None or behind < known or behind - known > LONGEST_WAY:
+            self._behind = behind
         return stamp
 
     def unstamped(self, now: float) -> float:
         """Time of a message without one that arrives now [s]."""
-        return now - self._behind
+        return now - (self._behind or 0.0)
 
 
 class Segmenter:
@@ -211,6 +217,7 @@ class Segmenter:
         self._streams = StreamAligner(channels, GRID_TOLERANCE * period, self.gap, lateness)
         self._number = 1
         self._last: float | None = None
+        self._steps: deque[float] = deque(maxlen=PACE_ROWS)
         self._counts: Counter[str] = Counter()
         #: Rows that came, and rows that became part of an experiment.
         self.rows_in = self.rows_out = 0
@@ -225,6 +232,11 @@ class Segmenter:
     def left_out(self) -> int:
         """Rows that can no longer become part of an experiment."""
         return self.rows_in - self.rows_out - self.rule.pending
+
+    @property
+    def pace(self) -> float | None:
+        """Median time between two of the last speeds [s]; None while few have come."""
+        return median(self._steps) if len(self._steps) == PACE_ROWS else None
 
     def feed(self, channel: str, time: ArrayLike, values: ArrayLike) -> list[Experiment]:
         """Samples of one channel, one or many, in the order in which they came.
@@ -295,8 +307,10 @@ class Segmenter:
                 continue
             if row is None:
                 return done
-            if self._last is not None and row.time - self._last > self.gap:
-                done += self._stop("pause of the speed")
+            if self._last is not None:
+                self._steps.append(row.time - self._last)
+                if self._steps[-1] > self.gap:
+                    done += self._stop("pause of the speed")
             self._last = row.time
             self.rows_in += 1
             done += self._made(self.rule.feed(row))

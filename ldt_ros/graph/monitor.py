@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+import re
 import time
 from collections import Counter
 from collections.abc import Callable
@@ -29,6 +30,8 @@ from ldt_ros.nodes.interfaces import (
     stamp_of,
 )
 
+#: What changes in a warning that stays the same.
+NUMBERS = re.compile(r"\d+")
 #: Signals and adaptations that wait for the other; what is older has lost it.
 CAPACITY = 200
 #: Beyond the twin's longest wait, time for the step that it then makes [s]: all cores may be busy.
@@ -50,6 +53,8 @@ class Monitor(Node):
         self.on_step = on_step
         #: What each node told of itself last, by role.
         self.health: dict[str, NodeStatus] = {}
+        #: What the source says that a person should look at, each once, without its numbers.
+        self.warnings: dict[str, str] = {}
         #: How often each has, since this node began.
         self.statements: Counter[str] = Counter()
         #: Of the twin for an adaptation [s].
@@ -115,6 +120,8 @@ class Monitor(Node):
         """Take note of what a node of the machine tells of itself."""
         self.health[told.role] = told
         self.statements[told.role] += 1
+        if told.role in SOURCES and told.warns:
+            self.warnings.setdefault(NUMBERS.sub("", told.message), told.message)
         if told.role in SOURCES:
             # Its counter may begin anew; a source that is started again has sent none at first.
             self.last_experiment = told.number("experiment") or self.last_experiment

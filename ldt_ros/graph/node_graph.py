@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 import time
+from collections import Counter
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
@@ -33,17 +34,29 @@ RIVAL_REST = 20.0  # times as long as looking for rivals took, this process does
 ANOTHER_PLACE = "(use another ROS_DOMAIN_ID or --namespace)"
 
 OnStep = Callable[[str, Signal, Adaptation], None]
+OnWarning = Callable[[str, str], None]
 
 
 class Graph:
-    """The processes and monitors of all runs."""
+    """The processes and monitors of all runs.
 
-    def __init__(self, runs: list[MachineRun], supervisor: Supervisor, on_step: OnStep) -> None:
+    Args:
+        on_warning: told the machine, and what its source says that a person should look at.
+    """
+
+    def __init__(
+        self,
+        runs: list[MachineRun],
+        supervisor: Supervisor,
+        on_step: OnStep,
+        on_warning: OnWarning = lambda machine, words: None,
+    ) -> None:
         self.runs = runs
         self.supervisor = supervisor
-        self.on_step = on_step
+        self.on_step, self.on_warning = on_step, on_warning
         self.monitors: list[Monitor] = []
         self._rivals_due = 0.0
+        self._warned: Counter[str] = Counter()
 
     def run(self, stopped: Callable[[], bool]) -> None:
         """Start everything, wait for the end, and end in order.
@@ -92,6 +105,7 @@ class Graph:
         while not (stopped() or self._finished()):
             self._listen(SPIN)
             respawner.look()
+            self._warn()
             self._notice_rivals(respawner.restarted_at)
             if time.monotonic() - began > patience and not all(m.health for m in self.monitors):
                 raise LdtError(f"the nodes did not start within {patience:g} s")
@@ -112,6 +126,13 @@ class Graph:
                 break
             respawner.revive(killed)  # for what it lacks
         self._sum_up(respawner, interrupted)
+
+    def _warn(self) -> None:
+        for run, monitor in zip(self.runs, self.monitors, strict=True):
+            while len(monitor.warnings) > self._warned[run.name]:
+                words = list(monitor.warnings.values())[self._warned[run.name]]
+                self.on_warning(run.name, f"{run.source}: {words}")
+                self._warned[run.name] += 1
 
     def _settle(
         self, respawner: Respawner, recorders: list[Child], stopped: Callable[[], bool]

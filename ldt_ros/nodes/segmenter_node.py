@@ -6,10 +6,11 @@ import re
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.subscription import Subscription
 
 from ldt_core.base.errors import LdtError, OptionError, RecordingError
 from ldt_core.base.experiment import Experiment
@@ -20,6 +21,7 @@ from ldt_core.recording.node_status import LEFT_OUT, NodeStatus
 from ldt_core.restart.recorded_run import END
 from ldt_core.segmenter import CHANNELS, Segmenter, build_rule
 from ldt_core.segmenter.cut_rules import SteadyRule
+from ldt_core.segmenter.resampling import LOST_STEPS
 from ldt_core.segmenter.segmenter import ArrivalClock
 from ldt_ros.nodes.interfaces import message_class, stamp_of, to_message
 from ldt_ros.nodes.node import LINGER, LdtNode
@@ -104,35 +106,59 @@ class Feed:
         return number_in(self.topic, message, steps) * self.factor
 
 
-def subscribe(node: Node, topic: str, callback: Callable[[str, Any], None]) -> str | None:
-    """Listen to a topic of whatever type it has; the type, or None where nobody publishes yet.
+class Source(NamedTuple):
+    """What a topic's publishers offer together.
 
-    The profile is the publisher's: a voltage that is sent once and latched arrives as well.
-
-    Raises:
-        RecordingError: a type whose package is not installed.
+    Args:
+        kind: message type.
+        reliable, latched: whether all of them are.
     """
-    offers = node.get_publishers_info_by_topic(node.resolve_topic_name(topic))
-    if not offers:
-        return None
-    kind = offers[0].topic_type
-    try:
-        known = message_class(kind) if MESSAGE_TYPE.fullmatch(kind) else None
-    except (ImportError, AttributeError):
-        known = None
-    if known is None:
-        raise RecordingError(topic, "a message type that is installed", kind)
-    offered = [info.qos_profile for info in offers]
-    reliable = all(q.reliability == ReliabilityPolicy.RELIABLE for q in offered)
-    latched = all(q.durability == DurabilityPolicy.TRANSIENT_LOCAL for q in offered)
-    profile = QoSProfile(
-        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
-        history=HistoryPolicy.KEEP_LAST,
-        depth=DEPTH,
-    )
-    node.create_subscription(known, topic, lambda m: callback(kind, m), profile)
-    return kind
+
+    kind: str
+    reliable: bool
+    latched: bool
+
+    @classmethod
+    def of(cls, node: Node, topic: str) -> Source | None:
+        """None where nobody publishes."""
+        offers = node.get_publishers_info_by_topic(node.resolve_topic_name(topic))
+        if not offers:
+            return None
+        offered = [info.qos_profile for info in offers]
+        reliable = all(q.reliability == ReliabilityPolicy.RELIABLE for q in offered)
+        latched = all(q.durability == DurabilityPolicy.TRANSIENT_LOCAL for q in offered)
+        return cls(offers[0].topic_type, reliable, latched)
+
+    def serves(self, asked: Source) -> bool:
+        """Whether a subscription for another one hears this."""
+        return (
+            self.kind == asked.kind
+            and self.reliable >= asked.reliable
+            and (self.latched >= asked.latched)
+        )
+
+    def subscribe(
+        self, node: Node, topic: str, callback: Callable[[str, Any], None]
+    ) -> Subscription:
+        """Listen: a voltage that is sent once and latched arrives as well.
+
+        Raises:
+            RecordingError: a type whose package is not installed.
+        """
+        try:
+            known = message_class(self.kind) if MESSAGE_TYPE.fullmatch(self.kind) else None
+        except (ImportError, AttributeError):
+            known = None
+        if known is None:
+            raise RecordingError(topic, "a message type that is installed", self.kind)
+        reliability, durability = ReliabilityPolicy, DurabilityPolicy
+        profile = QoSProfile(
+            reliability=reliability.RELIABLE if self.reliable else reliability.BEST_EFFORT,
+            durability=durability.TRANSIENT_LOCAL if self.latched else durability.VOLATILE,
+            history=HistoryPolicy.KEEP_LAST,
+            depth=DEPTH,
+        )
+        return node.create_subscription(known, topic, lambda m: callback(self.kind, m), profile)
 
 
 class SegmenterNode(LdtNode):
@@ -177,8 +203,8 @@ class SegmenterNode(LdtNode):
         #: Whether stamped messages have come, and others, each with the topic of the first one.
         self._timed: dict[bool, str] = {}
         self._early: dict[str, tuple[float, float]] = {}
-        #: Topic → its type, once somebody publishes it.
-        self._kinds: dict[str, str] = {}
+        #: Topic → its source, once somebody publishes it, and who listens to that.
+        self._sources: dict[str, tuple[Source, Subscription | None]] = {}
         self._doubled = self.topics.rivals.further
         self._publisher = self.topics.publishes("experiment")
         self._begun = self._speed_came = False
@@ -194,7 +220,8 @@ class SegmenterNode(LdtNode):
         """Number of the last experiment, where its samples come from, and what was left out."""
         values: dict[str, Any] = {"experiment": self._last, "sent": self._sent}
         for feed in self._feeds:
-            kind = self._kinds.get(feed.topic, "nobody publishes it")
+            source, _ = self._sources.get(feed.topic, (None, None))
+            kind = source.kind if source else "nobody publishes it"
             values[f"{feed.channel} from"] = f"{self.resolve_topic_name(feed.topic)} ({kind})"
         values["samples"] = self.segmenter.rows_in
         if isinstance(self.segmenter.rule, SteadyRule):
@@ -226,9 +253,8 @@ class SegmenterNode(LdtNode):
     def _look(self) -> None:
         """Find topics that have come up, notice two publishers, notice silence."""
         for topic in dict.fromkeys(feed.topic for feed in self._feeds):
-            if topic not in self._kinds:
-                self._subscribe(topic)
-            elif self.count_publishers(topic) > 1:
+            self._subscribe(topic)
+            if self.count_publishers(topic) > 1:
                 if topic not in self._doubled:
                     self._doubled.add(topic)
                     self._publish(self.segmenter.interrupt(f"more than one publisher of {topic}"))
@@ -244,28 +270,49 @@ class SegmenterNode(LdtNode):
 
     def _tell_missing(self) -> None:
         """Say which topics nobody publishes, and which there are that could be meant."""
+        for words in filter(None, map(self._missing, self._feeds)):
+            self.get_logger().warning(words)
+
+    def _missing(self, feed: Feed) -> str:
+        if feed.topic in self._sources:
+            return ""
         numbers = [
             f"{name} ({kinds[0]})"
             for name, kinds in self.get_topic_names_and_types()
             if NUMBER.fullmatch(kinds[0]) or kinds[0] in FIELDS
         ]
         there = f"there are {few(numbers, MOST_NAMED)}" if numbers else "there is none"
-        for feed in self._feeds:
-            if feed.topic not in self._kinds:
-                self.get_logger().warning(
-                    f"{feed.channel}_from: nobody publishes {self.resolve_topic_name(feed.topic)} "
-                    f"yet; of topics of numbers {there}"
-                )
+        name = self.resolve_topic_name(feed.topic)
+        return f"{feed.channel}_from: nobody publishes {name} yet; of topics of numbers {there}"
+
+    def complaint(self) -> str:
+        """Topics that nobody publishes, times that cannot be trusted, and another rate."""
+        found = [super().complaint(), self._untimed()]
+        if self._looks > MISSING_LOOKS:
+            found += map(self._missing, self._feeds)
+        pace, period = self.segmenter.pace, self.segmenter.period
+        if pace is not None and not 1 / LOST_STEPS < pace / period < LOST_STEPS:
+            found.append(
+                f"a speed comes every {pace:.3g} s, while the sample period is {period:g} s: "
+                f"give --sample-period {pace:.3g}"
+            )
+        return "; ".join(filter(None, found))
 
     def _subscribe(self, topic: str) -> None:
+        """Listen to a topic, once somebody publishes it; anew where its publisher is another."""
+        source = Source.of(self, topic)
+        asked, heard = self._sources.get(topic, (None, None))
+        if source is None or (asked and source.serves(asked)):
+            return
+        if heard is not None:
+            self.destroy_subscription(heard)
         try:
-            kind = subscribe(self, topic, lambda kind, m: self._on_sample(topic, kind, m))
+            heard = source.subscribe(self, topic, lambda kind, m: self._on_sample(topic, kind, m))
+            self.get_logger().info(f"listening to {self.resolve_topic_name(topic)} ({source.kind})")
         except LdtError as error:
             self.topics.reject(topic, error)
-            kind = "not understood"
-        if kind is not None:
-            self._kinds[topic] = kind
-            self.get_logger().info(f"listening to {self.resolve_topic_name(topic)} ({kind})")
+            heard = None
+        self._sources[topic] = source, heard
 
     def _on_sample(self, topic: str, kind: str, message: Any) -> None:
         now, stamp = time.time(), stamp_of(message)
@@ -297,12 +344,17 @@ class SegmenterNode(LdtNode):
 
     def _tell_timing(self, topic: str, bare: bool) -> None:
         self._timed[bare] = topic
-        if len(self._timed) > 1:
-            self.get_logger().warning(
-                f"messages on {self.resolve_topic_name(self._timed[True])} have no stamp and count "
-                f"when they come, those on {self.resolve_topic_name(self._timed[False])} at their "
-                "stamps: a delay between them looks like another machine; stamp them all"
-            )
+        if words := self._untimed():
+            self.get_logger().warning(words)
+
+    def _untimed(self) -> str:
+        if len(self._timed) < 2:
+            return ""
+        bare, stamped = (self.resolve_topic_name(self._timed[x]) for x in (True, False))
+        return (
+            f"messages on {bare} have no stamp and count when they come, those on {stamped} at "
+            "their stamps: a delay between them looks like another machine; stamp them all"
+        )
 
     def _publish(self, experiments: list[Experiment]) -> None:
         for experiment in experiments:

@@ -441,7 +441,7 @@ def test_lost_samples_are_bridged_by_interpolation(tmp_path):
 
 
 def test_jittered_samples_are_put_on_a_grid(tmp_path):
-    """A ramp sampled with 20 % jitter is the ramp on the grid; the voltage is held, not smeared."""
+    """A ramp sampled with 20 % jitter is the ramp on the grid; a step keeps its volt-seconds."""
     time = np.arange(200) / 10 + np.random.default_rng(0).uniform(-0.02, 0.02, 200)
     time -= time[0]
     voltage = np.where(time < 10, 2.0, 8.0)
@@ -449,7 +449,12 @@ def test_jittered_samples_are_put_on_a_grid(tmp_path):
     (one,) = imported.experiments
     assert one.period == pytest.approx(0.1, rel=5e-3)
     assert one.speed == pytest.approx(5 * (one.start + one.time), abs=1e-9)
-    assert set(one.voltage) == {2.0, 8.0}
+    step = int(np.argmax(one.voltage > 2.0))
+    assert set(one.voltage[:step]) == {2.0}
+    assert set(one.voltage[step + 1 :]) == {8.0}
+    begun = one.start + one.time[step]
+    spent = 2.0 * (time[voltage > 2.0][0] - begun) + 8.0 * (begun + 0.1 - time[voltage > 2.0][0])
+    assert one.voltage[step] == pytest.approx(spent / 0.1, rel=0.01)
     assert any("resampled" in note for note in imported.notes)
 
 

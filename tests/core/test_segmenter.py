@@ -14,7 +14,9 @@ from ldt_core.base.experiment import Experiment
 from ldt_core.machine import Plant
 from ldt_core.machine.machine_file import load_machine
 from ldt_core.segmenter import CHANNELS, Segmenter, build_rule
-from ldt_core.segmenter.segmenter import StreamAligner
+from ldt_core.segmenter.cut_rules import LengthRule
+from ldt_core.segmenter.resampling import Series, resample
+from ldt_core.segmenter.segmenter import ArrivalClock, StreamAligner
 
 PERIOD = 0.01  # s
 EPOCH = 1.7e9  # s, where a double's resolution is a quarter of a microsecond
@@ -204,6 +206,31 @@ def test_jitter_is_resampled_onto_the_grid():
         np.testing.assert_allclose(e.speed, 2 * (e.start + e.time - EPOCH), atol=2e-6)
         assert set(e.voltage) == {7.0}
         assert e.start in time
+
+
+@pytest.mark.parametrize("jitter", [1e-4, 3e-4, 1e-3])
+def test_jitter_makes_no_other_machine_of_one(jitter):
+    """A motor that follows the voltage within 50 ms, exactly from stamp to stamp.
+
+    A step that came 0.2 ms behind a point of the grid counted a whole period of 10 ms late: ten
+    times the noise of a good sensor, and a twin that was inadequate for ever.
+    """
+    random, period, memory, gain = np.random.default_rng(1), 0.01, 0.05, 20.0
+    time = np.arange(1001) * period + random.normal(0.0, jitter, 1001)
+    voltage = np.repeat(random.uniform(-10, 10, 41), 25)[:1001]
+    speed = np.zeros(1001)
+    for i, step in enumerate(np.diff(time)):
+        speed[i + 1] = gain * voltage[i] + (speed[i] - gain * voltage[i]) * np.exp(-step / memory)
+    grid = time[0] + np.arange(1000) * period
+    shown, volts = (
+        resample(Series(time, x, str), grid, period, held)
+        for x, held in ((speed, False), (voltage, True))
+    )
+    predicted = np.full(1000, shown[0])
+    kept = np.exp(-period / memory)
+    for i in range(999):
+        predicted[i + 1] = gain * volts[i] + (predicted[i] - gain * volts[i]) * kept
+    assert np.sqrt(np.mean((predicted - shown) ** 2)) < 0.01 * np.abs(shown).max() * (jitter / 1e-3)
 
 
 def test_a_faster_stream_is_averaged_and_a_slower_one_interpolated():
@@ -448,3 +475,38 @@ def test_memory_is_bounded_where_the_voltage_never_comes():
         streams.admit("speed", k * PERIOD, 0.0)
         assert streams.next_row() is None
         assert streams.waiting <= 6
+
+
+def test_bursts_as_long_as_an_experiment_are_experiments():
+    """With pauses between them, and stamps that jitter: up to half of them were dropped."""
+    random, samples = np.random.default_rng(2), 100
+    made = Segmenter(LengthRule(0.01, 1.0), 0.01)
+    done = []
+    for burst in range(40):
+        time = 10.0 * burst + np.arange(samples) * 0.01 + random.normal(0.0, 1e-3, samples)
+        time = np.sort(time)
+        done += made.feed("voltage", time, np.full(samples, 5.0))
+        done += made.feed("speed", time, np.full(samples, 50.0))
+    done += made.end()
+    assert len(done) == 40
+    assert {len(e) for e in done} == {samples}
+
+
+def test_another_rate_than_the_period_is_noticed():
+    """At 50 Hz, a machine that was declared at 100 Hz looked like another one."""
+    made = Segmenter(LengthRule(0.01, 1.0), 0.01)
+    time = np.arange(200) * 0.02
+    made.feed("voltage", time, np.full(200, 5.0))
+    assert made.pace is None
+    made.feed("speed", time, np.full(200, 50.0))
+    assert made.pace == pytest.approx(0.02)
+
+
+def test_a_message_that_was_long_under_way_moves_no_other_in_time():
+    """Those without a stamp came out of order where the last stamped one had been quick."""
+    clock = ArrivalClock()
+    for stamp, way in ((0.0, 0.003), (0.1, 0.05), (0.2, 0.002), (0.3, 0.04)):
+        assert clock.stamped(stamp, 100.0 + stamp + way) == stamp
+    assert clock.unstamped(100.35) == pytest.approx(0.348)
+    clock.stamped(5.0, 200.0)  # a clock that began anew
+    assert clock.unstamped(200.1) == pytest.approx(5.1)

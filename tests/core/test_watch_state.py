@@ -183,7 +183,7 @@ def test_the_nodes_of_a_machine_are_told_apart_from_others():
     assert (node["role"], node["warns"]) == ("twin", True)
     assert node["rejected"] == "2 × experiment: ExperimentError"
     assert node["why"] == f"why{HOSTILE}"
-    assert fleet.overview()["machines"][0]["trouble"] == "a node warns"
+    assert fleet.overview()["machines"][0]["trouble"] == "twin: 2 messages rejected"
     for k in range(2 * MOST_NODES):
         fleet.feed("", "/diagnostics", health(f"a/node_{k}"))
     assert len(fleet.machine("/a")["nodes"]) == MOST_NODES

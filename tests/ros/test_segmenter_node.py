@@ -19,7 +19,7 @@ from ldt_core.runs.offline import run
 rclpy = pytest.importorskip("rclpy")
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue  # noqa: E402
-from rclpy.qos import DurabilityPolicy, QoSProfile  # noqa: E402
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
 from std_msgs.msg import Float64, String  # noqa: E402
 from stranger import adaptation, log_of, written  # noqa: E402
@@ -222,7 +222,7 @@ def test_a_foreign_machine_with_a_latched_command_and_another_clock(stranger):
     assert np.all(np.diff(first.speed) >= 0)
     volts = np.concatenate([e.voltage for e in experiments])
     times = np.concatenate([e.start + e.time for e in experiments])
-    assert set(volts) == {4.0, 9.0}
+    assert np.count_nonzero((volts != 4.0) & (volts != 9.0)) <= 1  # set within a period
     # The command comes between two speeds; a busy computer makes these far apart.
     assert abs(times[np.argmax(volts)] - changed) < 0.3
     warned = [m.msg for m in logged if "have no stamp" in m.msg]
@@ -263,11 +263,37 @@ def test_a_topic_that_nobody_publishes_is_told_beside_those_there_are(stranger, 
     stranger.node.create_publisher(Float64, "motor/volts", 10)
     stranger.node.create_publisher(String, "motor/name", 10)
     stranger.start(SegmenterNode, voltage_from="motor/volt", speed_from="motor/volts", **SHORT)
+    stranger.listen("/diagnostics")
     line = stranger.until(lambda: [m.msg for m in logged if "nobody publishes" in m.msg])
     assert line == [
         "voltage_from: nobody publishes /motor/volt yet; of topics of numbers there are "
         "/motor/volts (std_msgs/msg/Float64)"
     ]
+    told = stranger.until(
+        lambda: "nobody publishes" in (h := stranger.health("segmenter"))["message"] and h
+    )
+    assert told["level"] == 1
+
+
+def test_a_publisher_that_returns_with_another_profile_is_heard(stranger):
+    """Best effort in place of reliable: nothing came any more, and nothing was said."""
+    node = stranger.start(SegmenterNode, voltage_from="volts", speed_from="speed", **SHORT)
+    for reliability in (ReliabilityPolicy.RELIABLE, ReliabilityPolicy.BEST_EFFORT):
+        profile = QoSProfile(depth=10, reliability=reliability)
+        made = [stranger.node.create_publisher(Float64, t, profile) for t in ("volts", "speed")]
+        came = node.segmenter.rows_in
+        stranger.until(lambda made=made: all(p.get_subscription_count() for p in made))
+
+        def sent(made=made, came=came):
+            for publisher in made:
+                publisher.publish(Float64(data=1.0))
+            stranger.spin(PERIOD)
+            return node.segmenter.rows_in > came
+
+        stranger.until(sent, f"samples of a publisher that is {reliability.name}")
+        for publisher in made:
+            stranger.node.destroy_publisher(publisher)
+        stranger.until(lambda: not node.count_publishers("speed"), "the publisher's end")
 
 
 def test_two_publishers_of_one_topic_stop_it_until_one_is_left(stranger):

@@ -212,8 +212,8 @@ class Fleet:
         rank = max(RANKS[signal.level], TONES[shown_state(signal).tone]) if signal else NOTHING
         silent = machine.nodes.silent(now) if self.live else []
         trouble = [f"silent: {', '.join(silent)}"] if silent else []
-        if any(told.warns for told in machine.nodes.told.values()):
-            trouble.append("a node warns")
+        warned = {r: t.status.message for r, t in machine.nodes.told.items() if t.status.warns}
+        trouble += [f"{role}: {shown_text(words)}" for role, words in warned.items()]
         if machine.unreadable:
             trouble.append(f"unreadable messages: {machine.unreadable}")
         latest = [step.signal for step in list(machine.steps.values())[-COURSE:]]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from ldt_core.base.bounded import forget_oldest
@@ -75,7 +75,6 @@ class Told:
     """What a node said last, and when [s of the fleet's clock]."""
 
     status: NodeStatus
-    warns: bool
     at: float
 
 
@@ -89,7 +88,7 @@ class Nodes:
 
     def take(self, message: Any, namespace: str, now: float) -> bool:
         """A message of `/diagnostics`; whether it told anything of this machine."""
-        levels = {s.name.strip("/"): (s.level, s.hardware_id) for s in message.status}
+        machines = {s.name.strip("/"): s.hardware_id for s in message.status}
         found = False
         for status in node_statuses(message, namespace):
             role = status.role
@@ -97,11 +96,8 @@ class Nodes:
                 role not in self.told and len(self.told) >= MOST_NODES
             ):
                 continue
-            level, machine = levels[status.name]
-            self.machine = machine[:MOST_STATUS_CHARACTERS] or self.machine
-            # ROS has one byte, a recording a number.
-            warns = bool(level[0] if isinstance(level, bytes) else int(level))
-            self.told[role] = Told(_cut(status), warns, now)
+            self.machine = machines[status.name][:MOST_STATUS_CHARACTERS] or self.machine
+            self.told[role] = Told(_cut(status), now)
             found = True
         return found
 
@@ -117,7 +113,7 @@ class Nodes:
             yield {
                 "role": role,
                 "message": told.status.message,
-                "warns": told.warns or silent,
+                "warns": told.status.warns or silent,
                 "silent": int(now - told.at) if silent else None,
                 "rejected": refused,
                 "why": told.status.last_rejection,
@@ -314,4 +310,4 @@ def _cut(status: NodeStatus) -> NodeStatus:
         k[:MOST_STATUS_CHARACTERS]: v[:MOST_STATUS_CHARACTERS]
         for k, v in list(status.values.items())[:MOST_NODES]
     }
-    return NodeStatus(status.name, status.message[:MOST_STATUS_CHARACTERS], values)
+    return replace(status, message=status.message[:MOST_STATUS_CHARACTERS], values=values)
