@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import itertools
 import math
+import re
 from collections import Counter
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
+from ldt_core.base.bounded import forget_oldest
 from ldt_core.base.errors import LdtError, RepeatedExperiment, UnansweredExperiment
 from ldt_core.base.experiment import (
     DOUBTFUL,
@@ -29,6 +32,10 @@ from ldt_core.base.sentences import counted, number
 
 #: Sentences about what makes a run fail: all experiments of a long one may.
 MOST_FAILURES = 100
+#: Causes of which is said what has become of them, the last ones.
+CHANGES_TOLD = 4
+#: Between a cause and what has become of it.
+VERB = re.compile(" (?:has|is) ")
 
 
 class Summary:
@@ -62,8 +69,9 @@ class Summary:
         self.faulty = 0
         #: Experiments that came again, and were left out.
         self.repeated = 0
-        # What the last new model is said to know, and what was said last of a change.
-        self._newest = self._changed = ""
+        # What the last new model is said to know; and of each cause since when, and what.
+        self._newest = ""
+        self._changes: dict[str, tuple[str, str]] = {}
         #: Verdicts of the diagnoses that were made, in their order.
         self.diagnoses: list[DiagnosisRecord] = []
         #: What people were advised last.
@@ -131,11 +139,16 @@ class Summary:
         """Take in what the adaptor did with one experiment."""
         self._actions[Action(adaptation.action)] += 1
         if adaptation.action is Action.ADAPTED:
-            change, since, _ = adaptation.reason.partition("; version")
-            when = f"The last new model, at experiment {adaptation.number}: "
-            known = since and change.startswith("since experiment")
-            self._changed = f"S{change[1:]}." if known else self._changed
-            self._newest = "" if known else f"{when}{adaptation.reason}."
+            where = f"experiment {adaptation.number}"
+            begin, told, _ = adaptation.reason.partition("; version")
+            since, colon, changes = begin.partition(": ")
+            known = bool(told and colon and since.startswith("since experiment"))
+            self._newest = "" if known else f"The last new model, at {where}: {adaptation.reason}."
+            for change in changes.split("; ") if known else ():
+                cause = VERB.split(change, 1)[0]
+                self._changes.pop(cause, None)  # what was said of it before is over
+                self._changes[cause] = since, change
+                forget_oldest(self._changes, CHANGES_TOLD)
         if adaptation.details.get(PAUSED):
             self.note("learning was switched off for a while")
         if adaptation.details.get(DOUBTFUL) and DOUBTFUL not in self._noted:
@@ -201,7 +214,9 @@ class Summary:
     @property
     def learned(self) -> str:
         """What has changed, as far as the new models know; "" where there was none."""
-        return f"{self._changed} {self._newest}".strip()
+        groups = itertools.groupby(self._changes.values(), key=lambda told: told[0])
+        told = (f"S{since[1:]}: {'; '.join(what for _, what in group)}." for since, group in groups)
+        return " ".join(filter(None, [*told, self._newest]))
 
     @property
     def states(self) -> dict[str, int]:

@@ -195,7 +195,8 @@ def _ended(health: Health) -> str:
         if count >= wanted:
             return f"complete: {count} of {wanted} experiments" if whole else "damaged, see notes"
         told = f"early, after {count} of {wanted} experiments"
-        return f"{told}; continue with ldt run --resume {health.path}"
+        how = "up" if health.settings.get("source") else "run"
+        return f"{told}; continue with ldt {how} --resume {health.path}"
     return "complete" if whole else "damaged or cut short, see notes; ldt doctor says what to do"
 
 

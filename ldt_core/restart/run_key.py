@@ -79,8 +79,11 @@ def check_key(bag: Bag, machine: Machine, settings: Mapping[str, Any] | None = N
             continue
         was, now = recorded.get(name, "none"), own.get(name, "none")
         if was != now:
-            where = f"{bag.path}, {name}"
-            raise RecordingError(where, f"{quoted(was)}, under which the run began", quoted(now))
+            where, got = f"{bag.path}, {name}", quoted(now)
+            if name in code_version():
+                anew = f"ldt run --play {as_argument(str(bag.path))}"
+                got += f" (that version goes on with it; this one can learn from it anew: {anew})"
+            raise RecordingError(where, f"{quoted(was)}, under which the run began", got)
 
 
 def resumed(settings: Mapping[str, Any]) -> dict[str, Any]:

@@ -209,3 +209,19 @@ def test_a_summary_says_what_has_changed(reason, said):
     summary.add_adaptation(Adaptation(5, Action.ADAPTED, 2, "version 2 estimates its causes anew"))
     last = "The last new model, at experiment 5: version 2 estimates its causes anew."
     assert summary.learned == (f"{said} {last}" if said.startswith("Since") else last)
+
+
+def test_of_each_cause_the_last_change_is_said():
+    """ "Open circuit has gone" stood alone, of a friction that had doubled."""
+    summary = Summary()
+    for number, change in (
+        (3, "inertia has grown to a factor of 1.1"),
+        (5, "inertia has grown to a factor of 1.2; open circuit has grown to 0.2"),
+        (6, "open circuit has gone"),
+    ):
+        reason = f"since experiment {number}: {change}; version {number} has a new cause"
+        summary.add_adaptation(Adaptation(number, Action.ADAPTED, number, reason))
+    assert summary.learned == (
+        "Since experiment 5: inertia has grown to a factor of 1.2. "
+        "Since experiment 6: open circuit has gone."
+    )
