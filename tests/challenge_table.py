@@ -5,8 +5,9 @@ ldt challenge score cases cases.key.json --out score --no-comparators
 python -m tests.challenge_table score
 
 keeps what the tables need in `bags/challenge.json` and writes them anew, with the diagram of how
-often a stated confidence was right. A second folder is one with comparators, of the first cases;
-without one, the table of comparators stays that of the round in which they were last asked.
+often a stated confidence was right. With --add the rounds kept before stay beside it. A second
+folder is one with comparators, of the first cases; without one, the table of comparators stays that
+of the round in which they were last asked.
 """
 
 from __future__ import annotations
@@ -30,19 +31,27 @@ COLUMNS = (
 BINS = ((0.0, 0.5), (0.5, 0.7), (0.7, 0.85), (0.85, 0.95), (0.95, 1.0))
 POINTS = 0.05  # of a closed fraction
 DIAGNOSIS = "diagnosis"
+ADD = "--add"
 Case = Mapping[str, Any]
 
 
-def kept(folders: Sequence[Path], before: Mapping[str, Any]) -> dict[str, Any]:
-    """What the tables need of the scores in these folders, and of what was kept before."""
+def kept(folders: Sequence[Path], before: Mapping[str, Any], add: bool = False) -> dict[str, Any]:
+    """What the tables need of the scores in these folders, and of what was kept before.
+
+    Args:
+        add: whether the cases kept before stay beside these.
+    """
     scores = [json.loads((f / "score.json").read_text("utf-8")) for f in folders]
     of_key = {"sha256": scores[0]["keys"][0]["sha256"]}
     own = [c for c in _slim(scores[0]) if c["who"] == DIAGNOSIS]
+    rounds = [*(before.get("rounds", []) if add else []), {**of_key, "cases": len(own)}]
     compared = before.get("compared", {})
     if others := [c for s in scores[1:] for c in _slim(s) if c["who"] != DIAGNOSIS]:
         asked = {c["case"] for c in others}
         compared = {**of_key, "cases": [*(c for c in own if c["case"] in asked), *others]}
-    return {**of_key, "stamp": scores[0]["stamp"], "cases": own, "compared": compared}
+    own = [*(before["cases"] if add else []), *own]
+    about = {"rounds": rounds, "stamp": scores[0]["stamp"]}
+    return {**about, "cases": own, "compared": compared}
 
 
 def _slim(score: Mapping[str, Any]) -> list[Case]:
@@ -105,16 +114,18 @@ ROWS: tuple[tuple[str, Callable[[Case], bool], Callable[[Case], bool], str], ...
 def table(found: Mapping[str, Any]) -> str:
     """Markdown: what was right, the reliability of the confidence, comparators."""
     own = [c for c in found["cases"] if c["who"] == DIAGNOSIS]
-    seconds = [c["seconds"] for c in own]
+    rounds = found["rounds"]
+    seconds = [c["seconds"] for c in own[-rounds[-1]["cases"] :]]
     lines = ["| cases | right | aim |", "|---|---|---|"]
     for name, chosen, right, aim in ROWS:
         lines.append(f"| {name} | {share(bool(right(c)) for c in own if chosen(c))} | {aim} |")
     for excitation, words, aim in (("same", "the same", "95 %"), ("another", "another", "90 %")):
         kept_promises = share(_within(own, excitation))
         lines.append(f"| closure within 5 points, {words} excitation | {kept_promises} | {aim} |")
-    lines += ["", f"{len(own)} cases; key with SHA-256 `{found['sha256']}`. In brackets 95 %"]
-    lines += ["intervals (Wilson). Processor time: "]
-    lines[-1] += f"{statistics.median(seconds):.1f} s in the median, {max(seconds):.0f} s at most."
+    lines += ["", f"{len(own)} cases. In brackets 95 % intervals (Wilson). The keys' SHA-256:", ""]
+    lines += [f"- `{r['sha256']}` ({r['cases']} cases)" for r in rounds]
+    spent = f"{statistics.median(seconds):.1f} s in the median, {max(seconds):.0f} s at most"
+    lines += ["", f"Processor time in the last of them: {spent}."]
     lines += ["", "| confidence stated | mean | right |", "|---|---|---|"]
     for (low, high), inside in _bins(own):
         mean = statistics.fmean(c["confidence"] for c in inside)
@@ -189,12 +200,13 @@ def picture(found: Mapping[str, Any], folder: Path) -> None:
     style.save(style.Drawing("reliability", *about, draw), folder)
 
 
-def main(*folders: str) -> int:
+def main(*given: str) -> int:
     """Write tables, picture and what they were made from."""
+    folders = [f for f in given if f != ADD]
     if not folders:
         raise SystemExit(f"expected the folder of a score, got none; {__doc__}")
     before = json.loads(KEPT.read_text("utf-8")) if KEPT.exists() else {}
-    found = kept([Path(f) for f in folders], before)
+    found = kept([Path(f) for f in folders], before, ADD in given)
     line_by_line = json.dumps(found, sort_keys=True).replace('{"acting"', '\n{"acting"')
     KEPT.write_text(line_by_line + "\n", encoding="utf-8")
     again = json.loads(KEPT.read_text("utf-8"))

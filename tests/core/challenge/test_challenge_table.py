@@ -29,7 +29,7 @@ def test_a_group_of_four_is_no_name():
         "closure": {"same": {"promised": 0.9, "realised": None}},
         "seconds": 3.0,
     }
-    said = table({"sha256": "0", "cases": [case]})
+    said = table({"rounds": [{"sha256": "0", "cases": 1}], "cases": [case]})
     assert "named, or in a group of at most 3 | 0 % [0, 79] of 1" in said
     assert "the same excitation | 0 % [0, 79] of 1" in said  # a prediction that diverged
     assert "| 0.85 to 0.95 | 0.90 | 100 % [21, 100] of 1 |" in said
@@ -51,3 +51,6 @@ def test_comparators_stay_those_of_the_round_in_which_they_were_asked(tmp_path):
     compared = [(c["who"], c["case"]) for c in anew["compared"]["cases"]]
     assert compared == [("diagnosis", "a"), ("greedy", "a")]
     assert [c["case"] for c in anew["cases"]] == ["a", "b"]
+    more = kept([own], anew, add=True)
+    assert [c["case"] for c in more["cases"]] == ["a", "b", "a", "b"]
+    assert [r["cases"] for r in more["rounds"]] == [2, 2]
