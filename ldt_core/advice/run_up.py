@@ -90,9 +90,8 @@ def plan_run_up(
     trial = _Trial(machine, effects)
     voltage = trial.holds(values, speed)
     if voltage is None or voltage > limit:
-        takes = f"{limit if voltage is None else voltage:.3g} V or more"
-        got = f"{speed:g}, which takes {takes}"
-        raise OptionError("--reach", f"a speed that {limit:g} V can hold", got)
+        takes = "" if voltage is None else f", which takes {voltage:.3g} V or more"
+        raise OptionError("--reach", f"a speed that {limit:g} V can hold", f"{speed:g}{takes}")
     bands = voltage_bands(values, limit)
     for band in bands:
         if band.held[0] <= speed <= band.free[0]:
@@ -135,8 +134,8 @@ class _Trial:
         return float(self.run(values, volts, speed)[-round(1 / TRIAL_PERIOD) :].mean())
 
     def holds(self, values: Mapping[str, float], speed: float) -> float | None:
-        """Voltage at which a shaft at this speed keeps it [V]; None where the limit does not."""
-        limit = self.machine.voltage_limits[1]
+        """Voltage at which a shaft at this speed keeps it [V]; None where no permitted one does."""
+        low, limit = self.machine.voltage_limits
         if self.bare:
             least = values["K_t"] * speed  # against no torque at all
             return float(steady_voltage(values, speed)) if least <= limit else least
@@ -145,9 +144,9 @@ class _Trial:
             volts = np.full(round(LONGEST_RUN_UP / TRIAL_PERIOD), voltage)
             return self._end(values, volts, speed) - speed
 
-        if gains(limit) < 0:
+        if gains(limit) < 0 or gains(low) > 0:
             return None
-        return float(brentq(gains, 0.0, limit, xtol=VOLTAGE_TOLERANCE * limit))
+        return float(brentq(gains, low, limit, xtol=VOLTAGE_TOLERANCE * limit))
 
     def reaches(self, values: Mapping[str, float], speed: float, voltage: float) -> bool:
         """Whether the voltage leads there from rest."""
