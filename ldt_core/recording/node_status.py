@@ -13,6 +13,7 @@ FINISHED = "finished"  # key; of a source: it has nothing more to send
 STOPPED = "stopped"  # key; it was told to end before it had finished
 REJECTED = "rejected "  # how the keys begin under which a node counts what it refused
 LEFT_OUT = "left out, "  # the same, for samples that became part of no experiment
+WRONG_STREAM = "wrong with the stream"  # key of a segmenter: what its user can mend
 LAST_REJECTION = "last rejection"
 REFUSED = "refused experiment"  # key of the twin: there will be no prediction of it
 RESUMED_AT = "resumed at"  # key of a source: end of the last experiment recorded before [s]

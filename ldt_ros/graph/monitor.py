@@ -20,7 +20,7 @@ from ldt_core.base.bounded import forget_oldest
 from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Adaptation, Signal
 from ldt_core.recording.experiment_numbers import ExperimentNumbers
-from ldt_core.recording.node_status import REFUSED, NodeStatus
+from ldt_core.recording.node_status import REFUSED, WRONG_STREAM, NodeStatus
 from ldt_core.runs.fleet_members import SOURCES
 from ldt_ros.nodes.interfaces import (
     LISTENER_DEPTH,
@@ -53,7 +53,7 @@ class Monitor(Node):
         self.on_step = on_step
         #: What each node told of itself last, by role.
         self.health: dict[str, NodeStatus] = {}
-        #: What the source says that a person should look at, each once, without its numbers.
+        #: What is wrong with a machine's stream, each once, without its numbers.
         self.warnings: dict[str, str] = {}
         #: How often each has, since this node began.
         self.statements: Counter[str] = Counter()
@@ -120,8 +120,8 @@ class Monitor(Node):
         """Take note of what a node of the machine tells of itself."""
         self.health[told.role] = told
         self.statements[told.role] += 1
-        if told.role in SOURCES and told.warns:
-            self.warnings.setdefault(NUMBERS.sub("", told.message), told.message)
+        if words := told.values.get(WRONG_STREAM):
+            self.warnings.setdefault(NUMBERS.sub("", words), words)
         if told.role in SOURCES:
             # Its counter may begin anew; a source that is started again has sent none at first.
             self.last_experiment = told.number("experiment") or self.last_experiment

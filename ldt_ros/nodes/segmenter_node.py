@@ -17,7 +17,7 @@ from ldt_core.base.experiment import Experiment
 from ldt_core.base.sentences import few
 from ldt_core.base.units import parse_field
 from ldt_core.recording.message_fields import number_in, parse_field_path
-from ldt_core.recording.node_status import LEFT_OUT, NodeStatus
+from ldt_core.recording.node_status import LEFT_OUT, WRONG_STREAM, NodeStatus
 from ldt_core.restart.recorded_run import END
 from ldt_core.segmenter import CHANNELS, Segmenter, build_rule
 from ldt_core.segmenter.cut_rules import SteadyRule
@@ -226,6 +226,8 @@ class SegmenterNode(LdtNode):
         values["samples"] = self.segmenter.rows_in
         if isinstance(self.segmenter.rule, SteadyRule):
             values["range of the speed"] = f"{self.segmenter.rule.statistic:.6g} rad/s"
+        if words := self._wrong():
+            values[WRONG_STREAM] = words
         counted = self.segmenter.counts.items()
         return values | {f"{LEFT_OUT}{reason}": count for reason, count in counted}
 
@@ -286,8 +288,12 @@ class SegmenterNode(LdtNode):
         return f"{feed.channel}_from: nobody publishes {name} yet; of topics of numbers {there}"
 
     def complaint(self) -> str:
+        """What is wrong with the stream."""
+        return "; ".join(filter(None, [super().complaint(), self._wrong()]))
+
+    def _wrong(self) -> str:
         """Topics that nobody publishes, times that cannot be trusted, and another rate."""
-        found = [super().complaint(), self._untimed()]
+        found = [self._untimed()]
         if self._looks > MISSING_LOOKS:
             found += map(self._missing, self._feeds)
         pace, period = self.segmenter.pace, self.segmenter.period

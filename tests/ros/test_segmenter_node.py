@@ -25,6 +25,7 @@ from std_msgs.msg import Float64, String  # noqa: E402
 from stranger import adaptation, log_of, written  # noqa: E402
 
 from ldt_core.base.errors import OptionError  # noqa: E402
+from ldt_core.recording.node_status import WRONG_STREAM  # noqa: E402
 from ldt_ros.nodes import segmenter_node  # noqa: E402
 from ldt_ros.nodes.experiment_source import PlantNode, PlayerNode, exact_stamp  # noqa: E402
 from ldt_ros.nodes.segmenter_node import Feed, SegmenterNode  # noqa: E402
@@ -273,6 +274,7 @@ def test_a_topic_that_nobody_publishes_is_told_beside_those_there_are(stranger, 
         lambda: "nobody publishes" in (h := stranger.health("segmenter"))["message"] and h
     )
     assert told["level"] == 1
+    assert told[WRONG_STREAM] == told["message"]
 
 
 def test_a_publisher_that_returns_with_another_profile_is_heard(stranger):
