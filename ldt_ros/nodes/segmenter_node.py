@@ -296,6 +296,11 @@ class SegmenterNode(LdtNode):
         found = [self._untimed()]
         if self._looks > MISSING_LOOKS:
             found += map(self._missing, self._feeds)
+            if bare := self._timed.get(True) if len(self._timed) == 1 else None:
+                found.append(
+                    f"messages on {self.resolve_topic_name(bare)} have no stamp and count when "
+                    "they come: what delays them looks like another machine; stamp them"
+                )
         pace, period = self.segmenter.pace, self.segmenter.period
         if pace is not None and not 1 / LOST_STEPS < pace / period < LOST_STEPS:
             found.append(

@@ -277,8 +277,13 @@ def test_a_topic_that_nobody_publishes_is_told_beside_those_there_are(stranger, 
     assert told[WRONG_STREAM] == told["message"]
 
 
-def test_a_publisher_that_returns_with_another_profile_is_heard(stranger):
-    """Best effort in place of reliable: nothing came any more, and nothing was said."""
+def test_a_publisher_that_returns_with_another_profile_is_heard(stranger, monkeypatch):
+    """Best effort in place of reliable: nothing came any more, and nothing was said.
+
+    Nor was anything said of times that are those of arrival.
+    """
+    monkeypatch.setattr(segmenter_node, "MISSING_LOOKS", 0)
+    stranger.listen("/diagnostics")
     node = stranger.start(SegmenterNode, voltage_from="volts", speed_from="speed", **SHORT)
     for reliability in (ReliabilityPolicy.RELIABLE, ReliabilityPolicy.BEST_EFFORT):
         profile = QoSProfile(depth=10, reliability=reliability)
@@ -296,6 +301,8 @@ def test_a_publisher_that_returns_with_another_profile_is_heard(stranger):
         for publisher in made:
             stranger.node.destroy_publisher(publisher)
         stranger.until(lambda: not node.count_publishers("speed"), "the publisher's end")
+    words = "have no stamp and count when they come: what delays them"
+    stranger.until(lambda: words in stranger.health("segmenter").get(WRONG_STREAM, ""), words)
 
 
 def test_two_publishers_of_one_topic_stop_it_until_one_is_left(stranger):
