@@ -92,16 +92,16 @@ def with_effects(
     left_out = [
         effect.name
         for effect, _ in machine.effects
-        if effect.name not in names and (effect.on_parameters is None or effect.states)
+        if effect.name not in names and not effect.is_folded
     ]
     beside = []
     for effect, given in acting:
         effect.require(machine.model)
-        if effect.on_parameters is None or effect.states:
+        if effect.is_folded:
+            values = effect.change_parameters(machine.model, values, given)
+        else:
             left_out.append(effect.name)
             beside.append((effect, given))
-        else:
-            values = effect.change_parameters(machine.model, values, given)
     source = "the effects given" if acting else "the machine file"
     return MachineEstimate(machine.model.folded(values), source, tuple(left_out), tuple(beside))
 

@@ -115,9 +115,8 @@ class _Trial:
 
     def __init__(self, machine: Machine, effects: Effects) -> None:
         self.machine, self.effects = machine, effects
-        known = [e for e, _ in machine.effects if e.on_parameters is None or e.states]
         #: Whether the parameters are all that acts: then an explicit function has the voltage.
-        self.bare = not known and not effects
+        self.bare = not effects and all(e.is_folded for e, _ in machine.effects)
 
     def run(self, values: Mapping[str, float], volts: Array, speed: float = 0.0) -> Array:
         """(L,) speed from a speed on [rad/s]; zeros where it diverges."""

@@ -52,6 +52,12 @@ class TriedSet(NamedTuple):
     start: Sequence[Array]
     known: StartStates | None = None
 
+    def by_name(self) -> TriedSet:
+        """The same in the order of its names, in which sets are fitted."""
+        order = sorted(range(len(self.members)), key=lambda i: self.members[i].name)
+        members, start = [self.members[i] for i in order], [self.start[i] for i in order]
+        return TriedSet(members, start, self.known)
+
 
 class SetFits:
     """Fits of sets of effects on one residuals.
@@ -162,13 +168,9 @@ class SetFits:
         """
 
         def work(first: int, k: int) -> EffectFit:
-            members, start, known = self._with_details(tries[first + k])
-            order = sorted(range(len(members)), key=lambda i: members[i].name)
+            members, start, known = self._with_details(tries[first + k]).by_name()
             own = self.own(members)
-            begun = (
-                [*(members[i] for i in order), *own],
-                [*(start[i] for i in order), *self._own_start(own)],
-            )
+            begun = [*members, *own], [*start, *self._own_start(own)]
             steps, least, count = SCOUT_STEPS, SCOUT_PRECISION, len(own)
             return fit(self.scout, *begun, steps=steps, precision=least, own=count, known=known)
 
@@ -291,14 +293,13 @@ class SetFits:
 
         Of two that are one, either may have ended in a poor minimum.
         """
-        order = sorted(range(len(tried.members)), key=lambda i: tried.members[i].name)
-        names, count = frozenset(c.name for c in tried.members), len(order)
+        members, start, _ = tried.by_name()
+        names, count = frozenset(c.name for c in members), len(members)
         before = self.found.fits.get(names)
         if before and before.loss - base.loss < THRESHOLDS.chance_gain:
             return
-        members = [*(tried.members[i] for i in order), *base.members[count:]]
-        start = [*(tried.start[i] for i in order), *base.z[count:]]
-        more = fit(self.residuals, members, start, own=base.own, known=base.starts)
+        begun = [*members, *base.members[count:]], [*start, *base.z[count:]]
+        more = fit(self.residuals, *begun, own=base.own, known=base.starts)
         if before is None or more.loss < before.loss:
             self.found.fits[names] = more
 

@@ -156,22 +156,24 @@ class GreyBox:
             step: longest integration step [s].
         """
         try:
-            run, use = self._run(Case(q, experiment, rest, start), gain)
-            states = self.physics.simulate(*run[:5], step, run.tracked, _shortest(step, run.period))
+            states, run, use = self._simulated(Case(q, experiment, rest, start), gain, step)
         except LdtError:
             return np.full(len(experiment), DIVERGED_SPEED)
         return self._shown(states, experiment, use, run.values)
 
     def current_at_speed(self, q: Array, experiment: Experiment) -> Array:
         """(L,) current where the shaft turns as it was measured [A]; see `speed`."""
-        case = Case(q, experiment, False, None)
         try:
-            run, _ = self._run(case, FOLLOWED)
-            about = FINE_STEP, run.tracked, _shortest(FINE_STEP, run.period)
-            states = self.physics.simulate(*run[:5], *about)
+            states, _, _ = self._simulated(Case(q, experiment, False, None), FOLLOWED, FINE_STEP)
         except LdtError:
             return np.full(len(experiment), DIVERGED_SPEED)
         return np.asarray(states[:, CURRENT])
+
+    def _simulated(self, case: Case, gain: float, step: float) -> tuple[Array, FreeRun, Use]:
+        """(L, n) states, of what run, and the effects that act."""
+        run, use = self._run(case, gain)
+        shortest = _shortest(step, run.period)
+        return self.physics.simulate(*run[:5], step, run.tracked, shortest), run, use
 
     def speeds(
         self, cases: Sequence[Case], gain: float = 0.0, step: float = FINE_STEP, workers: int = 1

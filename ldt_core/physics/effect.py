@@ -187,6 +187,11 @@ class Effect:
             values[name] = float(value)
         return values
 
+    @property
+    def is_folded(self) -> bool:
+        """Whether all that it does is to change parameters, which then say it all."""
+        return self.on_parameters is not None and not self.states
+
     def require(self, physics: HasParameters) -> None:
         """Refuse (OptionError) a machine without a parameter that the effect needs."""
         if not self.needs:

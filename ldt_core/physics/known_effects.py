@@ -84,7 +84,7 @@ class PhysicsWithEffects(Physics):
     def folded(self, values: Values) -> Values:
         """The parameters with the known effects on them; those effects no longer act beside."""
         for effect, given in self._acting(values):
-            if effect.on_parameters is not None and not effect.states:
+            if effect.is_folded:
                 values = effect.change_parameters(self, values, given)
         return values
 

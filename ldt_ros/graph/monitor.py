@@ -46,15 +46,14 @@ class Monitor(Node):
         namespace: str,
         on_step: Callable[[Signal, Adaptation], None],
         longest_wait: float = math.inf,
+        on_warning: Callable[[str], None] = lambda words: None,
         **node_arguments: Any,
     ) -> None:
         alone = {"start_parameter_services": False, **node_arguments}
         super().__init__("monitor", namespace=namespace, **alone)
-        self.on_step = on_step
+        self.on_step, self.on_warning = on_step, on_warning
         #: What each node told of itself last, by role.
         self.health: dict[str, NodeStatus] = {}
-        #: What is wrong with a machine's stream, each once, without its numbers.
-        self.warnings: dict[str, str] = {}
         #: How often each has, since this node began.
         self.statements: Counter[str] = Counter()
         #: Of the twin for an adaptation [s].
@@ -66,6 +65,7 @@ class Monitor(Node):
         self.answered = ExperimentNumbers()
         self.first_step_at: float | None = None
         self._last_step_at = time.monotonic()
+        self._warned: set[str] = set()
         self._signals: dict[int, Signal] = {}
         self._early: dict[int, Adaptation] = {}  # those that came before their signals
         self._adapted: dict[tuple[int, float | None], None] = {}  # the last ones, with stamps
@@ -121,12 +121,19 @@ class Monitor(Node):
         self.health[told.role] = told
         self.statements[told.role] += 1
         if words := told.values.get(WRONG_STREAM):
-            self.warnings.setdefault(NUMBERS.sub("", words), words)
+            self._warn(words)
         if told.role in SOURCES:
             # Its counter may begin anew; a source that is started again has sent none at first.
             self.last_experiment = told.number("experiment") or self.last_experiment
         if told.values.get(REFUSED) == str(self.last_experiment):
             self.last_step = self.last_experiment
+
+    def _warn(self, words: str) -> None:
+        """Tell what is wrong with the machine's stream, once."""
+        lasting = NUMBERS.sub("", words)
+        if lasting not in self._warned:
+            self._warned.add(lasting)
+            self.on_warning(words)
 
     def _on_signal(self, message: Any) -> None:
         with contextlib.suppress(LdtError):  # the nodes count it

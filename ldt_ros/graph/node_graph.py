@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import signal
 import time
-from collections import Counter
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
@@ -56,7 +55,6 @@ class Graph:
         self.on_step, self.on_warning = on_step, on_warning
         self.monitors: list[Monitor] = []
         self._rivals_due = 0.0
-        self._warned: Counter[str] = Counter()
 
     def run(self, stopped: Callable[[], bool]) -> None:
         """Start everything, wait for the end, and end in order.
@@ -80,6 +78,7 @@ class Graph:
                 r.namespace,
                 self._recipient(r),
                 r.settings["adaptation_timeout"],
+                self._warned(r),
                 context=context,
             )
             for r in self.runs
@@ -90,6 +89,9 @@ class Graph:
 
     def _recipient(self, run: MachineRun) -> Callable[[Signal, Adaptation], None]:
         return lambda signal, adaptation: self.on_step(run.name, signal, adaptation)
+
+    def _warned(self, run: MachineRun) -> Callable[[str], None]:
+        return lambda words: self.on_warning(run.name, f"{run.source}: {words}")
 
     def _run(self, stopped: Callable[[], bool]) -> None:
         self._listen(LISTEN)
@@ -105,7 +107,6 @@ class Graph:
         while not (stopped() or self._finished()):
             self._listen(SPIN)
             respawner.look()
-            self._warn()
             self._notice_rivals(respawner.restarted_at)
             if time.monotonic() - began > patience and not all(m.health for m in self.monitors):
                 raise LdtError(f"the nodes did not start within {patience:g} s")
@@ -126,13 +127,6 @@ class Graph:
                 break
             respawner.revive(killed)  # for what it lacks
         self._sum_up(respawner, interrupted)
-
-    def _warn(self) -> None:
-        for run, monitor in zip(self.runs, self.monitors, strict=True):
-            while len(monitor.warnings) > self._warned[run.name]:
-                words = list(monitor.warnings.values())[self._warned[run.name]]
-                self.on_warning(run.name, f"{run.source}: {words}")
-                self._warned[run.name] += 1
 
     def _settle(
         self, respawner: Respawner, recorders: list[Child], stopped: Callable[[], bool]

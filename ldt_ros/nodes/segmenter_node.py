@@ -112,11 +112,13 @@ class Source(NamedTuple):
     Args:
         kind: message type.
         reliable, latched: whether all of them are.
+        publishers: how many they are.
     """
 
     kind: str
     reliable: bool
     latched: bool
+    publishers: int
 
     @classmethod
     def of(cls, node: Node, topic: str) -> Source | None:
@@ -127,14 +129,14 @@ class Source(NamedTuple):
         offered = [info.qos_profile for info in offers]
         reliable = all(q.reliability == ReliabilityPolicy.RELIABLE for q in offered)
         latched = all(q.durability == DurabilityPolicy.TRANSIENT_LOCAL for q in offered)
-        return cls(offers[0].topic_type, reliable, latched)
+        return cls(offers[0].topic_type, reliable, latched, len(offers))
 
     def serves(self, asked: Source) -> bool:
         """Whether a subscription for another one hears this."""
         return (
             self.kind == asked.kind
             and self.reliable >= asked.reliable
-            and (self.latched >= asked.latched)
+            and self.latched >= asked.latched
         )
 
     def subscribe(
@@ -255,8 +257,10 @@ class SegmenterNode(LdtNode):
     def _look(self) -> None:
         """Find topics that have come up, notice two publishers, notice silence."""
         for topic in dict.fromkeys(feed.topic for feed in self._feeds):
-            self._subscribe(topic)
-            if self.count_publishers(topic) > 1:
+            source = Source.of(self, topic)
+            if source is not None:
+                self._subscribe(topic, source)
+            if source is not None and source.publishers > 1:
                 if topic not in self._doubled:
                     self._doubled.add(topic)
                     self._publish(self.segmenter.interrupt(f"more than one publisher of {topic}"))
@@ -272,20 +276,24 @@ class SegmenterNode(LdtNode):
 
     def _tell_missing(self) -> None:
         """Say which topics nobody publishes, and which there are that could be meant."""
-        for words in filter(None, map(self._missing, self._feeds)):
+        for words in self._missing():
             self.get_logger().warning(words)
 
-    def _missing(self, feed: Feed) -> str:
-        if feed.topic in self._sources:
-            return ""
+    def _missing(self) -> list[str]:
+        feeds = [feed for feed in self._feeds if feed.topic not in self._sources]
+        if not feeds:
+            return []
         numbers = [
             f"{name} ({kinds[0]})"
             for name, kinds in self.get_topic_names_and_types()
             if NUMBER.fullmatch(kinds[0]) or kinds[0] in FIELDS
         ]
         there = f"there are {few(numbers, MOST_NAMED)}" if numbers else "there is none"
-        name = self.resolve_topic_name(feed.topic)
-        return f"{feed.channel}_from: nobody publishes {name} yet; of topics of numbers {there}"
+        return [
+            f"{feed.channel}_from: nobody publishes {self.resolve_topic_name(feed.topic)} yet; "
+            f"of topics of numbers {there}"
+            for feed in feeds
+        ]
 
     def complaint(self) -> str:
         """What is wrong with the stream."""
@@ -295,11 +303,12 @@ class SegmenterNode(LdtNode):
         """Topics that nobody publishes, times that cannot be trusted, and another rate."""
         found = [self._untimed()]
         if self._looks > MISSING_LOOKS:
-            found += map(self._missing, self._feeds)
-            if bare := self._timed.get(True) if len(self._timed) == 1 else None:
+            found += self._missing()
+            if self._timed.keys() == {True}:
+                bare = self.resolve_topic_name(self._timed[True])
                 found.append(
-                    f"messages on {self.resolve_topic_name(bare)} have no stamp and count when "
-                    "they come: what delays them looks like another machine; stamp them"
+                    f"messages on {bare} have no stamp and count when they come: what delays them "
+                    "looks like another machine; stamp them"
                 )
         pace, period = self.segmenter.pace, self.segmenter.period
         if pace is not None and not 1 / LOST_STEPS < pace / period < LOST_STEPS:
@@ -309,11 +318,10 @@ class SegmenterNode(LdtNode):
             )
         return "; ".join(filter(None, found))
 
-    def _subscribe(self, topic: str) -> None:
-        """Listen to a topic, once somebody publishes it; anew where its publisher is another."""
-        source = Source.of(self, topic)
+    def _subscribe(self, topic: str, source: Source) -> None:
+        """Listen to a topic; anew where its publisher is another."""
         asked, heard = self._sources.get(topic, (None, None))
-        if source is None or (asked and source.serves(asked)):
+        if asked and source.serves(asked):
             return
         if heard is not None:
             self.destroy_subscription(heard)
