@@ -16,7 +16,7 @@ from ldt_core.diagnosis.candidate import START_PHASES, Candidate
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
 from ldt_core.diagnosis.nominal_prior import NominalCandidate
 from ldt_core.diagnosis.simulated_experiments import SEARCH_STEP, StartStates, Used, states_of
-from ldt_core.diagnosis.start_angles import gain_of_angles, turns
+from ldt_core.diagnosis.start_angles import gain_of_angles, least_from_any_angle, turns
 from ldt_core.diagnosis.thresholds import THRESHOLDS
 from ldt_core.estimation.least_squares import ForwardDifferences, trust_region
 from ldt_core.physics.lanes import WIDTH
@@ -201,8 +201,13 @@ def fit(
     sought = residuals.shaking or not any(p.at_rest for p in residuals.pieces)
     use = used(members, by_member(members, z))
     price, shown, apart = len(residuals.pieces) * THRESHOLDS.start_state_gain, 0.0, None
+    begin = z
     if not sought and turns(residuals, use):
         shown = gain_of_angles(residuals, use, slopes[: residuals.size], step) / GAIN_IN_VIEW
+        own_angles = least_from_any_angle(residuals, used(members, by_member(members, first)), step)
+        if own_angles < float(left @ left) - price:
+            # From one angle for all, the fit has gone astray: begin where each has its own.
+            begin, shown = first, math.inf
     elif not sought and (states := states_of(use)):
         price = max(price * states, START_STATE_GAIN * float(left @ left))
         apart = settled(z, free=True)
@@ -213,11 +218,12 @@ def fit(
         before = math.inf
         for turn in range(START_STATE_ROUNDS):
             near = starts[0] if turn else None
-            starts[0] = apart if apart and not turn else settled(z, free=True, near=near)
-            z, left, slopes = descend(z, steps // 2)
+            starts[0] = apart if apart and not turn else settled(begin, free=True, near=near)
+            begin, left, slopes = descend(begin, steps // 2)
             if float(left @ left) > (1 - START_STATE_GAIN) * before:
                 break
             before = float(left @ left)
+        z = begin
         if float(shared[1] @ shared[1] - left @ left) < price:
             (z, left, slopes), starts[0] = shared, kept
         else:  # angles that differ may all be one, which the phase of an effect is to be

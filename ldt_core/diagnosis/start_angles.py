@@ -105,6 +105,12 @@ def _slopes(
     return rests, [(m - r) / DIFFERENCE_OF_START for r, m in zip(rests, moved, strict=True)]
 
 
+def least_from_any_angle(residuals: SimulatedExperiments, use: Use, step: float) -> float:
+    """Sum of squares that is left where each experiment takes the best of angles all around."""
+    places = range(len(residuals.pieces))
+    return float(_losses(residuals, places, use, _turn(len(places)), step).min(axis=1).sum())
+
+
 def gain_of_angles(
     residuals: SimulatedExperiments, use: Use, jacobian: Array, step: float
 ) -> float:
