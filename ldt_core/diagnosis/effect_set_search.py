@@ -104,8 +104,13 @@ class EffectSetSearch(SetFits):
             self._settle(count)
             self._detail(count, enough)
             best = self._best(count)
-            if self.spent or not best or self.band.excess(best[0].residual) < enough:
+            if self.spent or not best:
                 break
+            if self.band.excess(best[0].residual) < enough:  # noise, as rough as the gap made it
+                self.band.level = self.band.channel_noise(best[0].residual)
+                enough = self.band.limit_of(THRESHOLDS.remainder_false_alarm)
+                if self.band.excess(best[0].residual) < enough:
+                    break
         for size in range(1, count + 1):
             self._finish(size)
         return self.found
