@@ -119,9 +119,8 @@ class LawDepartures:
             [_push(*each) for each in zip(own, keeps, strict=True)]
             for own, keeps in zip(changes, forgets, strict=True)
         ]
-        fastest, strongest = (
-            max(float(np.abs(m[channel]).max()) for m in motion) or 1.0 for channel in (0, 1)
-        )
+        motion = [(speed, current, np.cumsum(speed)) for speed, current in motion]
+        most = [max(float(np.abs(m[k]).max()) for m in motion) or 1.0 for k in range(3)]
         sizes = [math.sqrt(np.mean(np.concatenate(p) ** 2)) or 1.0 for p in pushes]
         power = [sum(float(np.sum((c / noise) ** 2)) for c in own) for own in changes]
         gram: Array = np.zeros(())
@@ -129,8 +128,9 @@ class LawDepartures:
         for i, piece in enumerate(pieces):
             columns = [fitted.jacobian[piece.channels[0]]]
             for push, keep, size in zip(pushes, forgets, sizes, strict=True):
-                speed, current = motion[i][0] / fastest, motion[i][1] / strongest
-                moved = _moved(_shapes(push[i], speed, current, size), keep[i]) / noise
+                speed, current, turned = (m / by for m, by in zip(motion[i], most, strict=True))
+                shapes = _shapes(push[i], speed, current, turned, size)
+                moved = _moved(shapes, keep[i]) / noise
                 columns.append(project_out(moved, starts.bases[i][: len(moved)]))
             together = np.column_stack(columns)
             gram = gram + together.T @ together
@@ -227,17 +227,18 @@ def _moved(pushes: Array, forgets: float) -> Array:
     return found
 
 
-def _shapes(push: Array, speed: Array, current: Array, size: float) -> Array:
+def _shapes(push: Array, speed: Array, current: Array, turned: Array, size: float) -> Array:
     """(L, shapes) departures of what an effect pushes with.
 
-    It comes later. It depends on the speed (in parts of the largest), its direction, standstill,
-    the current (in parts of the largest), its own size (beside its root mean square) or the time in
-    the experiment.
+    It comes later. It depends on the speed, its size or direction, standstill, the angle turned,
+    the current (each in parts of the largest), its own size (beside its root mean square) or the
+    time in the experiment.
     """
     loud, time = np.tanh(push / (2 * size)), np.linspace(-1.0, 1.0, push.size)
     still = np.exp(-((speed / SLOW) ** 2))
     by = (
-        *(speed, speed**2, speed**3, np.sign(speed), still),
+        *(speed, np.abs(speed), speed**2, speed**3, np.sign(speed), still),
+        *(turned, np.abs(turned)),
         *(np.abs(current), current**2),
         *(loud, loud**2, time),
     )
