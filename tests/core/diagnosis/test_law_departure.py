@@ -54,6 +54,22 @@ def test_a_law_that_is_a_little_off_is_no_further_effect():
     assert taken > 0.95 * left
 
 
+def _wound(t, theta, omega, current, voltage, p):
+    return -p[0] * (1.0 + p[1] * math.tanh(theta / 100.0))
+
+
+def test_a_load_that_depends_on_the_angle_departs():
+    """Nearly all that the plain law leaves of it."""
+    parameters = (
+        Parameter("torque", "N m", 0.0, default=0.0, description="at angle 0"),
+        Parameter("by", "", -1.0, default=0.0, description="of it, far away"),
+    )
+    load = Effect("wound_load", "a winch", "T", parameters, torque=_wound)
+    left, taken = left_and_taken((load, {"torque": 0.05, "by": -0.3}), name="constant_load")
+    assert left > 1000
+    assert taken > 0.9 * left
+
+
 def test_an_exact_law_departs_in_nothing():
     """The freedom of departures costs more than it gains."""
     assert left_and_taken("coulomb_friction:torque=0.05")[1] == 0.0

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from recorded_machines import MOTOR, candidates, record
 
+from ldt_core.diagnosis.diagnose import diagnose
 from ldt_core.diagnosis.effect_fit import EffectFit, fit
 from ldt_core.diagnosis.effect_set_search import EffectSetSearch
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
@@ -20,6 +21,7 @@ from ldt_core.diagnosis.scouting import (
     scouted,
 )
 from ldt_core.diagnosis.set_fits import TriedSet
+from ldt_core.effects import get_effect
 
 LIMIT = "voltage_saturation:limit=9"
 LOUD = 2  # place of the only experiment that reaches the limit
@@ -109,3 +111,15 @@ def test_what_the_few_experiments_like_best_is_not_the_only_one_that_is_fitted_o
     search.found.scouted[frozenset({"spring_load"})] = liked
     search._finish(1)
     assert search.found.of_size(1)[0].names != ("spring_load",)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("torque", [0.0015, 0.0025])
+def test_a_gap_that_makes_the_noise_look_larger_hides_no_second_effect(torque):
+    """By a voltage that moves at every sample, what a wrong gain leaves is rough as noise is."""
+    acting = "sensor_gain:factor=2.5", f"gravity_imbalance:torque={torque}"
+    names = "sensor_gain", "gravity_imbalance", "viscous_friction", "winding_heating"
+    effects = [get_effect(n) for n in names]
+    found = diagnose(MOTOR, record(MOTOR, *acting, hold=1, count=4), effects=effects, workers=1)
+    assert sorted(found.verdict.effects) == ["gravity_imbalance", "sensor_gain"]
+    assert found.gap.noise_std == pytest.approx(0.05, rel=0.03)

@@ -6,10 +6,11 @@ import math
 
 import numpy as np
 import pytest
-from recorded_machines import steps
+from recorded_machines import candidates, steps
 
 from ldt_core.base.experiment import Experiment
 from ldt_core.diagnosis.diagnose import diagnose
+from ldt_core.diagnosis.effect_fit import fit
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
 from ldt_core.diagnosis.ripple_orders import ripple_orders
 from ldt_core.effects import get_effect
@@ -81,6 +82,21 @@ def test_a_ripple_is_named_though_no_experiment_begins_at_the_same_angle():
 
 
 @pytest.mark.parametrize(
+    ("torque", "periods", "seed"), [(0.6, 12.0, 1), (0.6, 5.0, 2), (1.2, 12.0, 2)]
+)
+def test_a_fit_from_the_truth_stays_there_whatever_the_start_angles(torque, periods, seed):
+    """From one angle for all, the first steps led to a ripple half as strong."""
+    angles = np.random.default_rng(seed).uniform(0, 2 * math.pi, 8)
+    experiments = cogged(torque, periods, (6.0, 12.0), 0.02, list(angles))
+    residuals = FreeRunResiduals(MACHINE, experiments)
+    (cogging,) = candidates(MACHINE, ["cogging_torque"])
+    begun = cogging.coordinates({"torque": torque, "periods": periods, "phase": 0.5})
+    amounts = cogging.given(fit(residuals, [cogging], [begun]).z[0])
+    assert amounts["torque"] == pytest.approx(torque, rel=0.1)
+    assert amounts["periods"] == pytest.approx(periods, abs=0.01)
+
+
+@pytest.mark.parametrize(
     ("periods", "most"), [(2, 4.0), (11, 4.0), (13, 3.0), (29, 2.0), (36, 1.5)]
 )
 def test_the_order_of_a_ripple_is_found_whatever_it_is(periods, most):
@@ -91,6 +107,15 @@ def test_the_order_of_a_ripple_is_found_whatever_it_is(periods, most):
     assert order == periods
     assert torque == pytest.approx(0.02, rel=0.3)
     assert math.cos(phase) > 0.5  # the engine's is 0, but for what the speed changes in a ripple
+
+
+def test_an_order_shows_in_the_slow_part_of_fast_experiments():
+    """At most speeds, eight teeth pass quicker than the samples follow."""
+    experiments = cogged(0.1, 8.0, (0.3, 16.0), 0.01, [0.0] * 4)
+    speeds = np.abs(np.concatenate([e.speed for e in experiments]))
+    assert 0.25 < np.mean(8 * speeds * PERIOD < math.pi) < 0.5
+    residuals = FreeRunResiduals(MACHINE, experiments)
+    assert ripple_orders(residuals, residuals.of(), residuals.starts)[0].order == 8
 
 
 @pytest.mark.slow
