@@ -6,7 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -147,100 +147,141 @@ def fit(
         own: how many members are the machine's own parameters.
         known: states at the first samples, nearly, if an earlier fit has found them.
     """
-    members = tuple(members)
-    low = np.concatenate([c.bounds[0] for c in members])
-    high = np.concatenate([c.bounds[1] for c in members])
+    search = _SetFit(residuals, tuple(members), own, step, precision)
+    first = search.within(np.concatenate(start))
+    found = search.together(first, steps, known)
+    found = search.apart(found, first, steps)
+    size = residuals.size
+    return EffectFit(
+        tuple(members),
+        by_member(members, found.z),
+        found.residual[:size],
+        found.jacobian[:size],
+        found.loss,
+        own,
+        found.starts,
+    )
 
-    starts = [residuals.starts]
 
-    prior = _prior_rows(members, own)
+class _Descended(NamedTuple):
+    """Where a descent ended; the rows of the prior are among the residual's and the Jacobian's."""
 
-    def rows(points: list[Array]) -> list[Array]:
-        uses = [used(members, by_member(members, z)) for z in points]
-        rests = residuals.of_all(uses, step, starts[0])
-        return [np.concatenate([r, prior @ z]) for r, z in zip(rests, points, strict=True)]
+    z: Array
+    residual: Array
+    jacobian: Array
+    starts: StartStates
 
-    sizes = np.concatenate([c.differences for c in members])
-    steady = np.concatenate([np.full(len(c), c.steady) for c in members])
-    alike = Counter((len(e), e.period) for e in residuals.experiments)
-    abreast = WIDTH / max(alike.values(), default=1)
+    @property
+    def loss(self) -> float:
+        return float(self.residual @ self.residual)
 
-    def descend(z: Array, count: int) -> tuple[Array, Array, Array]:
-        begin = np.clip(z, low + margin, high - margin)
-        search = ForwardDifferences(rows, sizes, high, steady, abreast)
-        about = begin, low, high, search.jacobian, search.residual_alone
-        accuracy: dict[str, Any] = {"ftol": precision, "xtol": 1e-6, "gtol": 1e-8}
+
+class _SetFit:
+    """Descents of one set's parameters, and the start states that go with them; as of `fit`."""
+
+    def __init__(
+        self,
+        residuals: FreeRunResiduals,
+        members: tuple[Candidate, ...],
+        own: int,
+        step: float,
+        precision: float,
+    ) -> None:
+        self.residuals, self.members, self.step = residuals, members, step
+        self.precision = precision
+        self.prior = _prior_rows(members, own)
+        self.low = np.concatenate([c.bounds[0] for c in members])
+        self.high = np.concatenate([c.bounds[1] for c in members])
+        self.margin = 1e-7 * np.maximum(1.0, np.minimum(self.high - self.low, 1.0))
+        self.sizes = np.concatenate([c.differences for c in members])
+        self.steady = np.concatenate([np.full(len(c), c.steady) for c in members])
+        alike = Counter((len(e), e.period) for e in residuals.experiments)
+        self.abreast = WIDTH / max(alike.values(), default=1)
+
+    def within(self, z: Array) -> Array:
+        """The same coordinates, off the ends of the search."""
+        return np.asarray(np.clip(z, self.low + self.margin, self.high - self.margin))
+
+    def use(self, z: Array) -> list[Used]:
+        return used(self.members, by_member(self.members, z))
+
+    def rows(self, points: Sequence[Array], starts: StartStates) -> list[Array]:
+        rests = self.residuals.of_all([self.use(z) for z in points], self.step, starts)
+        return [np.concatenate([r, self.prior @ z]) for r, z in zip(rests, points, strict=True)]
+
+    def settled(self, z: Array, free: bool = False, near: StartStates | None = None) -> StartStates:
+        return self.residuals.start_states(self.use(z), free, self.step, near)
+
+    def descended(self, z: Array, starts: StartStates, count: int) -> _Descended:
+        def rows(points: list[Array]) -> list[Array]:
+            return self.rows(points, starts)
+
+        search = ForwardDifferences(rows, self.sizes, self.high, self.steady, self.abreast)
+        about = self.within(z), self.low, self.high, search.jacobian, search.residual_alone
+        accuracy: dict[str, Any] = {"ftol": self.precision, "xtol": 1e-6, "gtol": 1e-8}
         found = trust_region(search.residual, *about, **accuracy, max_nfev=count)
-        return found.z, found.residual, found.jacobian
+        return _Descended(found.z, found.residual, found.jacobian, starts)
 
-    def settled(z: Array, free: bool = False, near: StartStates | None = None) -> StartStates:
-        return residuals.start_states(used(members, by_member(members, z)), free, step, near)
-
-    margin = 1e-7 * np.maximum(1.0, np.minimum(high - low, 1.0))
-    first = np.clip(np.concatenate(start), low + margin, high - margin)
-    starts[0] = settled(first, near=known)
-    if starts[0] is residuals.starts:
-        z, left, slopes = descend(first, steps)
-    else:
-        quick = residuals.shaking and precision > PRECISION  # nearly the right angles will do
-        z = first if quick else descend(first, STEPS_TO_START_STATES)[0]
-        starts[0] = starts[0] if quick else settled(z, near=known)
+    def together(self, first: Array, steps: int, known: StartStates | None) -> _Descended:
+        """From the start states that are usual, where machines at rest all stand at one angle."""
+        starts = self.settled(first, near=known)
+        if starts is self.residuals.starts:
+            return self.descended(first, starts, steps)
+        shaking = self.residuals.shaking
+        quick = shaking and self.precision > PRECISION  # nearly the right angles will do
+        z = first
+        if not quick:
+            z = self.descended(first, starts, STEPS_TO_START_STATES).z
+            starts = self.settled(z, near=known)
         steps = steps // 2 if quick else steps
-        z, left, slopes = descend(z, steps)
+        found = self.descended(z, starts, steps)
         rounds = 1 if quick else START_STATE_ROUNDS
-        for turn in range(rounds if residuals.shaking else 0):
+        for turn in range(rounds if shaking else 0):
             # The start states were sought with other parameters: some may be a whole minimum off.
-            last, old = (z, left, slopes), starts[0]
-            starts[0] = settled(z, near=old if quick or known or turn else None)
-            z, left, slopes = descend(z, steps)
-            loss, had = float(left @ left), float(last[1] @ last[1])
+            last = found
+            starts = self.settled(last.z, near=last.starts if quick or known or turn else None)
+            found = self.descended(last.z, starts, steps)
+            loss, had = found.loss, last.loss
             if loss > had:
-                (z, left, slopes), starts[0] = last, old
+                found = last
             if loss > (1 - START_STATE_GAIN) * had:
                 break
-    sought = residuals.shaking or not any(p.at_rest for p in residuals.pieces)
-    use = used(members, by_member(members, z))
-    price, shown, apart = len(residuals.pieces) * THRESHOLDS.start_state_gain, 0.0, None
-    begin = z
-    if not sought and turns(residuals, use):
-        shown = gain_of_angles(residuals, use, slopes[: residuals.size], step) / GAIN_IN_VIEW
-        own_angles = least_from_any_angle(residuals, used(members, by_member(members, first)), step)
-        if own_angles < float(left @ left) - price:
-            # From one angle for all, the fit has gone astray: begin where each has its own.
-            begin, shown = first, math.inf
-    elif not sought and (states := states_of(use)):
-        price = max(price * states, START_STATE_GAIN * float(left @ left))
-        apart = settled(z, free=True)
-        rest, shared_rest = residuals.of(use, step, apart), left[: residuals.size]
-        shown = float(shared_rest @ shared_rest - rest @ rest)
-    if shown > price:
-        shared, kept = (z, left, slopes), starts[0]
-        before = math.inf
+        return found
+
+    def apart(self, shared: _Descended, first: Array, steps: int) -> _Descended:
+        """The same where each experiment has start states of its own, if that pays."""
+        residuals, step = self.residuals, self.step
+        if residuals.shaking or not any(p.at_rest for p in residuals.pieces):
+            return shared  # they were sought
+        use, size = self.use(shared.z), residuals.size
+        price, shown, begin = len(residuals.pieces) * THRESHOLDS.start_state_gain, 0.0, shared.z
+        found: StartStates | None = None
+        if turns(residuals, use):
+            shown = gain_of_angles(residuals, use, shared.jacobian[:size], step) / GAIN_IN_VIEW
+            if least_from_any_angle(residuals, self.use(first), step) < shared.loss - price:
+                # From one angle for all, the fit has gone astray: begin where each has its own.
+                begin, shown = first, math.inf
+        elif states := states_of(use):
+            price = max(price * states, START_STATE_GAIN * shared.loss)
+            found = self.settled(shared.z, free=True)
+            rest, shared_rest = residuals.of(use, step, found), shared.residual[:size]
+            shown = float(shared_rest @ shared_rest - rest @ rest)
+        if not shown > price:
+            return shared
+        free, before = shared, math.inf
         for turn in range(START_STATE_ROUNDS):
-            near = starts[0] if turn else None
-            starts[0] = apart if apart and not turn else settled(begin, free=True, near=near)
-            begin, left, slopes = descend(begin, steps // 2)
-            if float(left @ left) > (1 - START_STATE_GAIN) * before:
+            near = free.starts if turn else None
+            found = found if found and not turn else self.settled(begin, free=True, near=near)
+            free = self.descended(begin, found, steps // 2)
+            if free.loss > (1 - START_STATE_GAIN) * before:
                 break
-            before = float(left @ left)
-        z = begin
-        if float(shared[1] @ shared[1] - left @ left) < price:
-            (z, left, slopes), starts[0] = shared, kept
-        else:  # angles that differ may all be one, which the phase of an effect is to be
-            free, found = (z, left, slopes), starts[0]
-            starts[0] = kept
-            turned = _other_phases(members, z)
-            if turned:
-                losses = [float(r @ r) for r in rows(turned)]
-                z, left, slopes = descend(turned[int(np.argmin(losses))], steps)
-            if not turned or float(left @ left - free[1] @ free[1]) > price:
-                (z, left, slopes), starts[0] = free, found
-    return EffectFit(
-        members,
-        by_member(members, z),
-        left[: residuals.size],
-        slopes[: residuals.size],
-        float(left @ left),
-        own,
-        starts[0],
-    )
+            begin, before = free.z, free.loss
+        if shared.loss - free.loss < price:
+            return shared
+        # Angles that differ may all be one, which the phase of an effect is to be.
+        if turned := _other_phases(self.members, free.z):
+            losses = [float(r @ r) for r in self.rows(turned, shared.starts)]
+            one = self.descended(turned[int(np.argmin(losses))], shared.starts, steps)
+            if one.loss - free.loss <= price:
+                return one
+        return free
