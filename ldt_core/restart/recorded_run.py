@@ -209,8 +209,9 @@ def complete_steps(
     first of each counts. A step that stays incomplete while `WINDOW` later ones come is left out.
     Steps come by their numbers until a counter begins anew, which shows by a number that is not
     above the last one's, predicted at another start.
-    Where somebody has rolled the twin back after a step, that is how the step ended. A message that
-    is none of its topic's is left out, as the nodes did when it came.
+    Where somebody has rolled the twin back after a step, that is how the step ended. A model that
+    was adopted after an experiment that the recorder missed comes with the next step. A message
+    that is none of its topic's is left out, as the nodes did when it came.
 
     Args:
         bag: as `read_bag` opened it; may be one that is being written.
@@ -235,13 +236,35 @@ def complete_steps(
             diagnosis, advice = (said_at(step[0], beside[kind]) for kind in BESIDE)
             if held is not None:
                 yield held
+            before = _version_after(held, begin)
             held = RecordedStep(*step, diagnosis, advice)
+            version = held.adaptation.model_version
+            if held.model is None and before not in (None, version):
+                held = replace(held, model=models.get(version) or _of_version(bag, version))
     if held is not None:
         yield held
 
 
+def _version_after(step: RecordedStep | None, begin: tuple[int, int]) -> int | None:
+    """The version in force, None where it is not known; a run begins with version 0."""
+    if step is None:
+        return 0 if begin == (0, 0) else None
+    return step.adaptation.model_version
+
+
+def _of_version(bag: Bag, version: int) -> ModelRecord | None:
+    """The last recorded one, wherever it is."""
+    found = None
+    for model in bag.rare("model"):
+        found = model if model.version == version else found
+    return found
+
+
 class _Counted:
     """Steps under way, by the numbers of a counter and of that which may have begun anew.
+
+    A step whose experiment is not recorded holds up none: each topic keeps its order, so that it
+    never comes once a later one is there. It came while the recorder was down.
 
     Args:
         models: those that were recorded last, by version; may change.
@@ -286,8 +309,12 @@ class _Counted:
                 for earlier in [n for n in self._open if n <= number]:
                     del self._open[earlier]
                 yield step
-            elif self._open[number].begun and len(self._open) <= WINDOW:
+            elif self._may_come(self._open[number]) and len(self._open) <= WINDOW:
                 break
+
+    def _may_come(self, step: _Open) -> bool:
+        """Whether it is under way, and its experiment is not one that the recorder missed."""
+        return step.begun and bool(step.experiments)
 
     def _complete(self, step: _Open) -> _Complete | None:
         experiment, adaptation = step.experiment, step.adaptation

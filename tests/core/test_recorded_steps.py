@@ -137,6 +137,31 @@ def test_the_past_ends_with_the_last_complete_step(tmp_path):
         assert numbers == list(range(1, learned + 1))
 
 
+def test_experiments_that_the_recorder_missed_hold_up_nothing(tmp_path):
+    """Who asks a node gets what it missed; a machine of the user's does not send again.
+
+    A twin that goes on knows the steps behind the gap, and the model that was adopted in it.
+    """
+    given = settings(model="linear", order=1, degradation="abrupt")
+    made = experiments(given)
+    steps = list(Twin.from_settings(SHORT, given).steps(made))
+    learned = next(i for i, s in enumerate(steps) if s.model is not None)
+    kept = next(i for i, s in enumerate(steps) if i > learned and s.model is None)
+    for end in (kept, len(steps) - 1):
+        with BagWriter(tmp_path / f"to_{end}", "rotor") as writer:
+            for step in steps[: end + 1]:
+                for name in ("experiment", "prediction", "signal", "model", "adaptation"):
+                    record = getattr(step, name)
+                    if record is not None and (name != "experiment" or step is not steps[learned]):
+                        writer.write(name, record, step.experiment.end)
+        told = list(complete_steps(read_bag(tmp_path / f"to_{end}"), SHORT))
+        assert [p.number for p in told] == [n for n in range(1, end + 2) if n != learned + 1]
+        assert told[learned].model.version >= steps[learned].model.version
+        twin = Twin.from_settings(SHORT, given)
+        recalled(twin, told)
+        assert twin.adaptor.model.version == steps[end].adaptation.model_version
+
+
 def test_what_stays_incomplete_for_long_is_passed_over(tmp_path):
     """A recorder that was away for longer than messages are sent again left a gap for good."""
     given = settings(model="physics", experiments=WINDOW + 10)
