@@ -67,6 +67,7 @@ def findings(health: Health) -> list[Finding]:
         *_pauses(health),
         *_answers(health),
         *_rejected(health),
+        *_interrupted(health),
         *_learning(health),
         *_settings(health),
     ]
@@ -192,6 +193,12 @@ def _rejected(health: Health) -> list[Finding]:
     why = "; ".join(sorted({n.last_rejection for n in nodes if n.last_rejection}))
     remedy = "fix what publishes them; the nodes continued without these messages"
     return [warning("rejected", f"{', '.join(counts)} ({why})", remedy)]
+
+
+def _interrupted(health: Health) -> list[Finding]:
+    whys = [n.interruption for n in health.nodes.values() if n.interruption]
+    remedy = "keep room on the disk, and the folder in place; what is missing is told above"
+    return [warning("recorder", f"could not write for a while: {why}", remedy) for why in whys]
 
 
 def _learning(health: Health) -> list[Finding]:

@@ -14,6 +14,9 @@ STOPPED = "stopped"  # key; it was told to end before it had finished
 REJECTED = "rejected "  # how the keys begin under which a node counts what it refused
 LEFT_OUT = "left out, "  # the same, for samples that became part of no experiment
 WRONG_STREAM = "wrong with the stream"  # key of a segmenter: what its user can mend
+WRONG_RECORDING = "wrong with the recording"  # key of a recorder that cannot write now: why
+INTERRUPTIONS = "interruptions"  # key of a recorder: how often it could not write
+LAST_INTERRUPTION = "last interruption"  # why, the last time
 LAST_REJECTION = "last rejection"
 REFUSED = "refused experiment"  # key of the twin: there will be no prediction of it
 RESUMED_AT = "resumed at"  # key of a source: end of the last experiment recorded before [s]
@@ -72,6 +75,11 @@ class NodeStatus:
             for key in self.values
             if key.startswith(REJECTED) and (count := self.number(key)) is not None
         }
+
+    @property
+    def interruption(self) -> str:
+        """Why a recorder could not write, the last time; "" when it always could."""
+        return self.values.get(LAST_INTERRUPTION, "")
 
     @property
     def last_rejection(self) -> str:

@@ -26,7 +26,13 @@ from ldt_core.models import MODELS
 from ldt_core.recording.bag import read_bag
 from ldt_core.recording.experiment_numbers import ExperimentNumbers
 from ldt_core.recording.message_subject import Subject, agree
-from ldt_core.recording.node_status import LEFT_OUT, RESUMED_AT, SECOND_PUBLISHER, NodeStatus
+from ldt_core.recording.node_status import (
+    INTERRUPTIONS,
+    LEFT_OUT,
+    RESUMED_AT,
+    SECOND_PUBLISHER,
+    NodeStatus,
+)
 from ldt_core.recording.pace import parse_rate
 from ldt_core.recording.run_settings import settings_text
 from ldt_core.restart.recorded_run import RecordedRun
@@ -83,6 +89,9 @@ class MachineRun(Member):
             if told.rejected:
                 kinds = ", ".join(f"{kind}: {times}" for kind, times in told.rejected.items())
                 summary.note(f"{role} rejected {kinds} ({told.last_rejection})")
+            if told.interruption:
+                times = counted(told.number(INTERRUPTIONS) or 1, "interruption")
+                summary.note(f"{times} of the recording, the last: {told.interruption}")
         if twin := health.get("twin"):
             refused = _experiments_of(twin.rejected)
             failed = f"experiment: {UnansweredExperiment.__name__}"
@@ -108,7 +117,7 @@ class MachineRun(Member):
         by_twin = min(summary.rejected, left)  # a stranger's may have been refused as well
         if left > by_twin:
             recorder = health.get("recorder")
-            why = recorder.last_rejection if recorder and recorder.rejected else ""
+            why = recorder.interruption if recorder else ""
             summary.fail(self._missing(left - by_twin, sent, answered, why))
         if by_twin > 0:
             why = twin.last_rejection if twin else ""
@@ -134,11 +143,13 @@ class MachineRun(Member):
             if number not in known:
                 lost.add(number)
         told = []
+        reason = f" ({why})" if why else ""
         if lost:
             which = numbered("experiment", lost.spans, MOST_LISTED)
-            reason = f" ({why.partition(': ')[2]})" if why else ""
             told.append(f"answered and not in the recording: {which}{reason}")
-        if missing > len(lost):
+        if missing > len(lost) and why and not (lost or open_):
+            told.append(f"no longer in the recording{reason}")
+        elif missing > len(lost):
             # One that the twin refused is recorded too: it is answered so.
             among = "among " if summary.rejected else ""
             which = numbered("experiment", open_.spans, MOST_LISTED)

@@ -20,7 +20,12 @@ from ldt_core.base.bounded import forget_oldest
 from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Adaptation, Signal
 from ldt_core.recording.experiment_numbers import ExperimentNumbers
-from ldt_core.recording.node_status import REFUSED, WRONG_STREAM, NodeStatus
+from ldt_core.recording.node_status import (
+    REFUSED,
+    WRONG_RECORDING,
+    WRONG_STREAM,
+    NodeStatus,
+)
 from ldt_core.runs.fleet_members import SOURCES
 from ldt_ros.nodes.interfaces import (
     LISTENER_DEPTH,
@@ -32,6 +37,9 @@ from ldt_ros.nodes.interfaces import (
 
 #: What changes in a warning that stays the same.
 NUMBERS = re.compile(r"\d+")
+#: Time without a failure after which a recording goes on for good [s]: a recorder tries again after
+#: a minute at the latest, and a disk may have room for a message now and then.
+WELL_AGAIN = 60.0
 #: Signals and adaptations that wait for the other; what is older has lost it.
 CAPACITY = 200
 #: Beyond the twin's longest wait, time for the step that it then makes [s]: all cores may be busy.
@@ -46,7 +54,7 @@ class Monitor(Node):
         namespace: str,
         on_step: Callable[[Signal, Adaptation], None],
         longest_wait: float = math.inf,
-        on_warning: Callable[[str], None] = lambda words: None,
+        on_warning: Callable[[str, str], None] = lambda role, words: None,
         **node_arguments: Any,
     ) -> None:
         alone = {"start_parameter_services": False, **node_arguments}
@@ -66,6 +74,7 @@ class Monitor(Node):
         self.first_step_at: float | None = None
         self._last_step_at = time.monotonic()
         self._warned: set[str] = set()
+        self._unwritten_at: float | None = None  # when its recording failed last
         self._signals: dict[int, Signal] = {}
         self._early: dict[int, Adaptation] = {}  # those that came before their signals
         self._adapted: dict[tuple[int, float | None], None] = {}  # the last ones, with stamps
@@ -121,19 +130,32 @@ class Monitor(Node):
         self.health[told.role] = told
         self.statements[told.role] += 1
         if words := told.values.get(WRONG_STREAM):
-            self._warn(words)
+            self._warn(told.role, words)
+        if told.role == "recorder":
+            self._follow_recording(told)
         if told.role in SOURCES:
             # Its counter may begin anew; a source that is started again has sent none at first.
             self.last_experiment = told.number("experiment") or self.last_experiment
         if told.values.get(REFUSED) == str(self.last_experiment):
             self.last_step = self.last_experiment
 
-    def _warn(self, words: str) -> None:
-        """Tell what is wrong with the machine's stream, once."""
+    def _warn(self, role: str, words: str) -> None:
+        """Tell what is wrong, once."""
         lasting = NUMBERS.sub("", words)
         if lasting not in self._warned:
             self._warned.add(lasting)
-            self.on_warning(words)
+            self.on_warning(role, words)
+
+    def _follow_recording(self, told: NodeStatus) -> None:
+        """Tell at once that nothing is recorded any more, and later that it goes on."""
+        now = time.monotonic()
+        if words := told.values.get(WRONG_RECORDING):
+            if self._unwritten_at is None:
+                self.on_warning(told.role, words)
+            self._unwritten_at = now
+        elif self._unwritten_at is not None and now - self._unwritten_at > WELL_AGAIN:
+            self._unwritten_at = None
+            self.on_warning(told.role, "the recording goes on, in a new file")
 
     def _on_signal(self, message: Any) -> None:
         with contextlib.suppress(LdtError):  # the nodes count it

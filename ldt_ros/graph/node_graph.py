@@ -40,7 +40,7 @@ class Graph:
     """The processes and monitors of all runs.
 
     Args:
-        on_warning: told the machine, and what its source says that a person should look at.
+        on_warning: told the machine, and what a node says that a person should look at.
     """
 
     def __init__(
@@ -90,8 +90,8 @@ class Graph:
     def _recipient(self, run: MachineRun) -> Callable[[Signal, Adaptation], None]:
         return lambda signal, adaptation: self.on_step(run.name, signal, adaptation)
 
-    def _warned(self, run: MachineRun) -> Callable[[str], None]:
-        return lambda words: self.on_warning(run.name, f"{run.source}: {words}")
+    def _warned(self, run: MachineRun) -> Callable[[str, str], None]:
+        return lambda role, words: self.on_warning(run.name, f"{role}: {words}")
 
     def _run(self, stopped: Callable[[], bool]) -> None:
         self._listen(LISTEN)

@@ -14,7 +14,12 @@ from rclpy.timer import Timer
 
 import msgs_config
 from ldt_core.base.errors import LdtError
-from ldt_core.recording.node_status import HEALTH_TOPIC
+from ldt_core.recording.node_status import (
+    HEALTH_TOPIC,
+    INTERRUPTIONS,
+    LAST_INTERRUPTION,
+    WRONG_RECORDING,
+)
 from ldt_core.recording.run_settings import parse_settings
 from ldt_core.recording.writer import BagWriter
 from ldt_core.restart.run_key import key_text
@@ -114,7 +119,7 @@ class RecorderNode(LdtNode):
     | any recorded topic | written with the time it arrived, by a thread; kept at most 0.25 s |
     | more than 2000, or 256 MB, while the medium is slow | the newest is left out and counted |
     | the same once more, of a node that was started again | left out, counted |
-    | a write fails (disk full) | counted, logged once; what was written stays; the twin goes on |
+    | a write fails (disk full) | told, logged once; what was written stays; the twin goes on |
     | there is room again | a new file of the recording; the last 100 of each topic are asked for |
     """
 
@@ -142,6 +147,8 @@ class RecorderNode(LdtNode):
         )
         self.writer = self._open(resume=bool(resume))
         self._repeated = 0
+        self._interruptions = 0
+        self._interruption: LdtError | None = None  # the last one
         self.backlog = Backlog(self._write)
         self._last = 0.0
         self._again_after = RETRY_TIME
@@ -156,16 +163,28 @@ class RecorderNode(LdtNode):
     def health(self) -> dict[str, Any]:
         """Messages written."""
         written = sum(self.writer.counts.values())
-        values = {"written": written, "repeated": self._repeated, "waiting": len(self.backlog)}
+        values: dict[str, Any] = {"written": written, "repeated": self._repeated}
+        values["waiting"] = len(self.backlog)
         lost = self.backlog.dropped
         values["dropped"] = lost.total()
         values |= {f"dropped {topic}": count for topic, count in lost.items()}
+        if self.writer.failure is not None:
+            self._interrupted(self.writer.failure)
+            values[WRONG_RECORDING] = self._stopped()
+        if self._interruption is not None:
+            values[INTERRUPTIONS] = self._interruptions
+            values[LAST_INTERRUPTION] = self._interruption
         return {**values, "bag": str(self.writer.path)}
 
     def complaint(self) -> str:
-        """What the recording lacks since the medium was too slow."""
+        """Why nothing is recorded now, and what is lacking since the medium was too slow."""
         lost = self.backlog.dropped.total()
-        return f"{lost} messages not recorded: the medium is too slow" if lost else ""
+        slow = f"{lost} messages not recorded: the medium is too slow" if lost else ""
+        return "; ".join(filter(None, [self._stopped(), slow]))
+
+    def _stopped(self) -> str:
+        failure = self.writer.failure
+        return f"{failure}; it goes on by itself once it can" if failure else ""
 
     @property
     def patience(self) -> float:
@@ -187,8 +206,7 @@ class RecorderNode(LdtNode):
         try:
             self.writer.close()
         except LdtError as error:
-            if not self.topics.rejected:  # else it was said when it happened
-                self.get_logger().error(str(error))
+            self._interrupted(error)
 
     def _take(self, topic: str, name: str, kind: str, data: bytes) -> None:
         if name != HEALTH_TOPIC:
@@ -197,14 +215,24 @@ class RecorderNode(LdtNode):
             return  # another machine's twin, which has a recording of its own
         self.backlog.put(topic, len(data), topic, name, kind, data, time.time_ns())
         if self.writer.failure is not None:
+            self._interrupted(self.writer.failure)
             self._go_on_later()
 
+    def _interrupted(self, failure: LdtError) -> None:
+        """Count it, and log it once."""
+        if failure is not self._interruption:
+            self._interruption = failure
+            self._interruptions += 1
+            self.get_logger().error(str(failure))
+
     def _write(self, topic: str, name: str, kind: str, data: bytes, at: int) -> None:
+        writer = self.writer
         try:
-            if not self.writer.write_raw(name, kind, data, at):
+            if not writer.write_raw(name, kind, data, at):
                 self._repeated += 1
         except Exception as error:  # would be lost in the thread
-            self.topics.reject(topic, error)
+            if error is not writer.failure:
+                self.topics.reject(topic, error)
 
     def _go_on_later(self) -> None:
         # Not from the callback of a message: it would do away with its own subscription.

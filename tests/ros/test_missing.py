@@ -12,7 +12,14 @@ from ldt_core.base.errors import BadInput
 from ldt_core.base.settings import resolve
 from ldt_core.machine.machine_file import load_machine
 from ldt_core.recording.experiment_numbers import ExperimentNumbers
-from ldt_core.recording.node_status import LAST_REJECTION, REJECTED, RESUMED_AT, NodeStatus
+from ldt_core.recording.node_status import (
+    INTERRUPTIONS,
+    LAST_INTERRUPTION,
+    LAST_REJECTION,
+    REJECTED,
+    RESUMED_AT,
+    NodeStatus,
+)
 from ldt_core.restart.run_key import key_text
 
 pytest.importorskip("rclpy")
@@ -22,7 +29,7 @@ from ldt_ros.graph.respawn import Respawner
 from ldt_ros.graph.supervisor import Child
 
 VANISHED = "r1: the file or its folder was deleted"
-LOST = {REJECTED + "signal: LdtError": "1", LAST_REJECTION: f"signal: {VANISHED}"}
+LOST = {INTERRUPTIONS: "1", LAST_INTERRUPTION: VANISHED}
 FAILED = {REJECTED + "experiment: UnansweredExperiment": "1", LAST_REJECTION: "x"}
 REFUSED = {REJECTED + "experiment: ExperimentError": "1", LAST_REJECTION: "x"}
 
@@ -47,13 +54,20 @@ def test_what_is_not_in_the_recording_is_named_with_the_cause():
     ]
 
 
+def test_what_went_with_a_deleted_folder_is_not_said_to_be_unanswered():
+    """A run that was gone on with: the experiments of before were in the recording."""
+    words = f"2 of 4 experiments sent are missing, no longer in the recording ({VANISHED})"
+    assert failures([3, 4], [3, 4], [3, 4], recorder=LOST) == [words]
+
+
 def test_what_a_node_rejected_is_one_note_with_one_reason():
     """A disk that was full filled the screen with seven times the same sentence."""
     run = MachineRun("rotor", "", resolve({}), "r1", load_machine("rotor"))
-    more = {**LOST, REJECTED + "model: LdtError": "2"}
-    run.note_health({"recorder": NodeStatus("recorder", "", more)}, ExperimentNumbers())
-    told = f"recorder rejected signal: LdtError: 1, model: LdtError: 2 (signal: {VANISHED})"
-    assert run.summary.notes == [told]
+    more = {**FAILED, REJECTED + "model: ModelError": "2", **LOST}
+    run.note_health({"twin": NodeStatus("twin", "", more)}, ExperimentNumbers())
+    kinds = "experiment: UnansweredExperiment: 1, model: ModelError: 2"
+    stopped = f"1 interruption of the recording, the last: {VANISHED}"
+    assert run.summary.notes == [f"twin rejected {kinds} (x)", stopped]
 
 
 def test_what_nobody_answered_is_named():

@@ -11,6 +11,13 @@ import numpy as np
 import pytest
 
 from ldt_core.recording.bag import read_bag
+from ldt_core.recording.node_status import (
+    INTERRUPTIONS,
+    LAST_INTERRUPTION,
+    REJECTED,
+    WRONG_RECORDING,
+    NodeStatus,
+)
 
 rclpy = pytest.importorskip("rclpy")
 
@@ -82,11 +89,13 @@ def test_a_full_disk_is_counted_and_what_came_meanwhile_is_recorded_once_there_i
         publisher.publish(to_message(noise(sent, 2000)))
         stranger.spin(0.05)
         told = stranger.health("recorder")
-        return told if "rejected experiment: LdtError" in told else {}
+        return told if WRONG_RECORDING in told else {}
 
-    told = stranger.until(full, "rejections by the recorder")
+    told = stranger.until(full, "a recorder that cannot write")
     assert told["level"] == 1
-    assert "recording stopped after" in told["last rejection"]
+    assert "recording stopped after" in told[LAST_INTERRUPTION]
+    assert told["message"] == told[WRONG_RECORDING]
+    assert not [key for key in told if key.startswith(REJECTED)]  # nobody sent anything wrong
     assert 5 < sent < 100
     kept = [e.number for e in read_bag(tmp_path / "bag").experiments()]
     assert kept == list(range(1, len(kept) + 1))
@@ -98,13 +107,29 @@ def test_a_full_disk_is_counted_and_what_came_meanwhile_is_recorded_once_there_i
         return len(list(read_bag(tmp_path / "bag").experiments())) == sent
 
     stranger.until(complete, "what was missed")
+    told = stranger.until(lambda: stranger.health("recorder"), "health")
+    assert (told["level"], told[INTERRUPTIONS]) == (0, "1")
     process.send_signal(signal.SIGINT)
     stranger.until(lambda: process.poll() is not None, "end of the recorder")
     output = process.communicate()[0]
     assert process.returncode == 0, output
-    assert output.count("rejected a message on experiment") == 1, output
+    assert output.count("recording stopped after") == 1, output
     assert output.count("recording goes on in a new file") == 1, output
     assert "Traceback" not in output
     bag = read_bag(tmp_path / "bag")
     assert sorted(e.number for e in bag.experiments()) == list(range(1, sent + 1))
     assert bag.notes == []
+
+
+def test_a_run_says_at_once_that_nothing_is_recorded_any_more(monitor, monkeypatch):
+    """Once, however often the disk has room for a message; and when it goes on for good."""
+    ear, _ = monitor
+    told: list[str] = []
+    ear.on_warning = lambda role, words: told.append(f"{role}: {words}")
+    full = NodeStatus("recorder", "", {WRONG_RECORDING: "the disk is full"})
+    for status in (full, NodeStatus("recorder", "running", {}), full):
+        ear.hear(status)
+    assert told == ["recorder: the disk is full"]
+    monkeypatch.setattr("ldt_ros.graph.monitor.WELL_AGAIN", 0.0)
+    ear.hear(NodeStatus("recorder", "running", {}))
+    assert told[1:] == ["recorder: the recording goes on, in a new file"]
