@@ -169,6 +169,44 @@ def test_a_graph_that_was_stopped_is_not_in_trouble():
     assert fleet.overview()["machines"][0]["trouble"] == ""
 
 
+@pytest.mark.parametrize("stopped", ["true", "false"])
+def test_the_lamp_is_dark_while_nothing_runs(stopped):
+    """A graph that was stopped, or killed, on Friday is not green on Monday."""
+    clock = Clock()
+    fleet = Fleet(True, clock)
+    feed(fleet, "", 1, state="holds", adequacy=1.0)
+    for name in ("twin", "plant"):
+        fleet.feed("", "/diagnostics", health(name, stopped=stopped, process="7"))
+    (card,) = fleet.overview()["machines"]
+    assert (card["words"], card["tone"]) == ("model holds", "good")
+    clock.now += SILENT_AFTER + 1
+    (card,) = fleet.overview()["machines"]
+    assert (card["words"], card["tone"]) == ("not running; last: model holds", "open")
+    ended = {"true": "ended", "false": "running"}[stopped]
+    assert [n["message"] for n in fleet.machine("/")["nodes"]] == [ended] * 2
+    fleet.feed("", "/diagnostics", health("twin", process="8"))
+    (card,) = fleet.overview()["machines"]
+    assert (card["words"], card["tone"]) == ("model holds", "good")
+
+
+@pytest.mark.parametrize("pause", [0, SILENT_AFTER + 1])
+def test_the_nodes_of_a_run_that_has_ended_are_not_missed_in_the_next(pause):
+    """A diagnoser of the first run was silent for as long as the second one went on."""
+    clock = Clock()
+    fleet = Fleet(True, clock)
+    feed(fleet, "", 1)
+    for name in ("diagnoser", "twin", "plant"):
+        fleet.feed("", "/diagnostics", health(name, finished="true", process=f"1{len(name)}"))
+    clock.now += pause
+    for _ in range(2):  # each second
+        for name in ("plant", "detector", "twin"):
+            fleet.feed("", "/diagnostics", health(name, process=f"2{len(name)}"))
+        clock.now += SILENT_AFTER - 1
+    (card,) = fleet.overview()["machines"]
+    assert card["trouble"] == ""
+    assert [n["role"] for n in fleet.machine("/")["nodes"]] == ["detector", "plant", "twin"]
+
+
 def test_the_nodes_of_a_machine_are_told_apart_from_others():
     """By namespace, and by what only the twin's nodes tell; what was refused is shown."""
     fleet = Fleet()

@@ -211,6 +211,8 @@ class Fleet:
         state = headline_state(signal) if signal else NOT_JUDGED
         rank = max(RANKS[signal.level], TONES[shown_state(signal).tone]) if signal else NOTHING
         silent = machine.nodes.silent(now) if self.live else []
+        over = self.live and machine.nodes.over(now)
+        words = state.words if signal else "no signal yet"
         trouble = [f"silent: {', '.join(silent)}"] if silent else []
         warned = {r: t.status.message for r, t in machine.nodes.told.items() if t.status.warns}
         trouble += [f"{role}: {shown_text(words)}" for role, words in warned.items()]
@@ -227,8 +229,8 @@ class Fleet:
             "level": int(signal.level) if signal else None,
             "word": signal.level.word if signal else "no signal yet",
             "state": state.name,
-            "words": state.words if signal else "no signal yet",
-            "tone": state.tone,
+            "words": f"not running; last: {words}" if over else words,
+            "tone": NOT_JUDGED.tone if over else state.tone,
             "noise": times_noise(signal.adequacy) if signal else "",
             "experiment": signal.experiment if signal else None,
             "error": drawn_number(signal.max_error) if signal else None,

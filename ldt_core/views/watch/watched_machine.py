@@ -96,6 +96,8 @@ class Nodes:
                 role not in self.told and len(self.told) >= MOST_NODES
             ):
                 continue
+            if self._is_of_another_run(status, now):
+                self.told.clear()
             self.machine = machines[status.name][:MOST_STATUS_CHARACTERS] or self.machine
             self.told[role] = Told(_cut(status), now)
             found = True
@@ -103,16 +105,27 @@ class Nodes:
 
     def silent(self, now: float) -> list[str]:
         """Roles that have not been heard of for long, and were not at an end."""
-        return [r for r, told in sorted(self.told.items()) if self._gone(told, now)]
+        gone = [r for r, told in sorted(self.told.items()) if self._gone(told, now)]
+        return [] if self.ended else gone
+
+    def over(self, now: float) -> bool:
+        """Whether there is nobody left of those that told something."""
+        return bool(self.told) and all(self._gone(told, now) for told in self.told.values())
+
+    @property
+    def ended(self) -> bool:
+        """Whether the source has said that it sends nothing more: all may end."""
+        return any(told.status.ended for told in self.told.values())
 
     def rows(self, now: float, live: bool) -> Iterator[dict[str, Any]]:
         """Each node in JSON types: what it said, what it refused, whether it is silent."""
         for role, told in sorted(self.told.items()):
             refused = "; ".join(f"{n} × {kind}" for kind, n in told.status.rejected.items())
-            silent = live and self._gone(told, now)
+            gone = live and self._gone(told, now)
+            silent = gone and not self.ended
             yield {
                 "role": role,
-                "message": told.status.message,
+                "message": "ended" if gone and self.ended else told.status.message,
                 "warns": told.status.warns or silent,
                 "silent": int(now - told.at) if silent else None,
                 "rejected": refused,
@@ -120,9 +133,17 @@ class Nodes:
             }
 
     def _gone(self, told: Told, now: float) -> bool:
-        # Once the source has said that it sends nothing more, all may end.
-        ended = any(t.status.ended for t in self.told.values())
-        return now - told.at > SILENT_AFTER and not ended
+        return now - told.at > SILENT_AFTER
+
+    def _is_of_another_run(self, status: NodeStatus, now: float) -> bool:
+        """Whether those known are of a run before: that one is over, this is another process.
+
+        The graph that follows may have other nodes, and would be in trouble for those it lacks.
+        """
+        known = self.told.get(status.role)
+        if known is None or status.ended:
+            return known is None and self.over(now)
+        return known.status.process != status.process and (self.ended or self.over(now))
 
 
 @dataclass
