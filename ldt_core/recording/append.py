@@ -182,11 +182,15 @@ def _agreed(folder: Path, metadata: Mapping[str, Any], custom: Mapping[str, str]
 
 
 def _compare(folder: Path, there: str, given: str) -> None:
-    """Settings that one of the two lacks are at their defaults."""
+    """Settings that one of the two lacks are at their defaults.
+
+    The machine's file may stand elsewhere by now; what it says is in the run's key.
+    """
     declared = msgs_config.parameters()
     old = run_settings.parse_settings(f"{folder}, settings", there)
     new = {name: value for name, value in json.loads(given).items() if name != "format"}
-    for name in sorted({*old, *new} - {*run_settings.CHANGEABLE, run_settings.SECURE}):
+    free = {*run_settings.CHANGEABLE, run_settings.SECURE, "machine"}
+    for name in sorted({*old, *new} - free):
         default = declared.get(name, {}).get("default")
         recorded, wanted = old.get(name, default), new.get(name, default)
         if recorded != wanted:

@@ -30,6 +30,7 @@ from ldt_core.recording.writer import KEY
 
 #: Digits of the digests of the machine file and of those of own parts.
 DIGEST_DIGITS = 12
+MACHINE = "machine"  # name of a key's digest of the machine, and of the parameter that names it
 OWN_FILE = "file "  # how a key's names of those begin
 #: Folder of a fleet's first recording.
 FIRST_MACHINE = "machine_1"
@@ -41,10 +42,13 @@ def key_text(machine: Machine, settings: Mapping[str, Any]) -> str:
     Args:
         settings: parameters of the run, those at least that name parts.
     """
-    digest = json_digest(machine.as_dict())[:DIGEST_DIGITS]
-    key = {"machine": digest, "physics": machine.physics, **code_version()}
+    key = {MACHINE: _digest(machine), "physics": machine.physics, **code_version()}
     files = own_files(machine, settings).items()
     return json.dumps(key | {f"{OWN_FILE}{name}": digest for name, digest in files})
+
+
+def _digest(machine: Machine) -> str:
+    return json_digest(machine.as_dict())[:DIGEST_DIGITS]
 
 
 def own_files(machine: Machine, settings: Mapping[str, Any]) -> dict[str, str]:
@@ -69,21 +73,42 @@ def check_key(bag: Bag, machine: Machine, settings: Mapping[str, Any] | None = N
         RecordingError: says what differs.
     """
     own = json.loads(key_text(machine, settings or {}))
-    try:
-        there = json.loads(bag.custom(KEY))
-        recorded = {str(name): str(value) for name, value in there.items()}
-    except (ValueError, AttributeError, RecursionError):
-        raise RecordingError(bag.path, "a recording of a run, with its key", "none") from None
+    recorded = _recorded_key(bag)
+    if not recorded:
+        raise RecordingError(bag.path, "a recording of a run, with its key", "none")
     for name in sorted({*own, *recorded}):
         if settings is None and name.startswith(OWN_FILE):
             continue
         was, now = recorded.get(name, "none"), own.get(name, "none")
         if was != now:
+            if name == MACHINE:
+                check_machine(bag, machine)
             where, got = f"{bag.path}, {name}", quoted(now)
             if name in code_version():
                 anew = f"ldt run --play {as_argument(str(bag.path))}"
-                got += f" (that version goes on with it; this one can learn from it anew: {anew})"
+                got += f" (that version goes on with it; begin a new one, or learn anew: {anew})"
             raise RecordingError(where, f"{quoted(was)}, under which the run began", got)
+
+
+def check_machine(bag: Bag, machine: Machine) -> None:
+    """Refuse a recording of a run that began with another machine file, or before an edit of it.
+
+    Raises:
+        RecordingError: names the recording, and what can be done.
+    """
+    if _recorded_key(bag).get(MACHINE, "") in ("", _digest(machine)):
+        return
+    expected = "the machine file as it was, under which the run began"
+    got = "another or an edited one (take that one, or begin a new recording)"
+    raise RecordingError(f"{bag.path}, {MACHINE}", expected, got)
+
+
+def _recorded_key(bag: Bag) -> dict[str, str]:
+    """The key of a recording, empty where it has none."""
+    try:
+        return {str(name): str(value) for name, value in json.loads(bag.custom(KEY)).items()}
+    except (ValueError, AttributeError, RecursionError):
+        return {}
 
 
 def resumed(settings: Mapping[str, Any]) -> dict[str, Any]:
@@ -123,6 +148,8 @@ def resumed(settings: Mapping[str, Any]) -> dict[str, Any]:
                 raise BadInput(f"{first}, {name}", told, repr(value))
             continue
         given = settings[name]
+        if name == MACHINE and given != default and not _is_plain(name, given):
+            continue  # a recording may have moved; whether it is the same file, the key knows
         if given not in (default, value):
             where = f"--{name.replace('_', '-')}"
             raise BadInput(where, f"{value!r}, with which {first} began", repr(given))
@@ -158,7 +185,7 @@ def begin_of(path: str | Path, start_time: float) -> float:
 
 def _is_plain(name: str, value: Any) -> bool:
     """Whether a recorded parameter names nothing but what comes with LDT."""
-    if name == "machine":
+    if name == MACHINE:
         return value in msgs_config.machine_names()
     registries = {"model": MODELS, "detector": DETECTORS, "cause": EFFECTS}
     if name in registries:

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from ldt_core.base.errors import RecordingError
 from ldt_core.recording.message_subject import Subject
 from ldt_core.restart.recorded_run import RecordedRun
+from ldt_core.restart.run_key import check_machine
 from ldt_core.twin.stage import RecordedStep
 from ldt_ros.nodes.watchdog import alive
 
@@ -26,12 +27,16 @@ class OwnRecording:
 
     Args:
         run: as it is recorded; with the path "" where the run begins.
+
+    Raises:
+        RecordingError: the run began with another machine file.
     """
 
     def __init__(self, run: RecordedRun) -> None:
         self.run = run
         self._opened_at = time.monotonic()
         self._in_vain = 0
+        self._require_same_machine()
 
     def steps(self, around: int = 0) -> Iterator[RecordedStep]:
         """Complete steps; `around` as one of `RecordedRun.steps`.
@@ -55,6 +60,18 @@ class OwnRecording:
                 if not again:
                     raise
                 time.sleep(MENDING)
+
+    def _require_same_machine(self) -> None:
+        """Refuse to go on where the machine file was edited since the run began.
+
+        Of nodes that read it at different times, each would have a machine of its own.
+        """
+        try:
+            bag = self.run.bag(listed=True) if self.run.path else None
+        except (RecordingError, OSError):
+            return  # whoever reads its messages says what is wrong
+        if bag is not None:
+            check_machine(bag, self.run.machine)
 
     def missed(self, last: Subject, number: int) -> Iterator[RecordedStep]:
         """Steps between two, soon after the node was started again.

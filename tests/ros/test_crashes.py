@@ -9,6 +9,7 @@ import shutil
 import signal
 import threading
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -31,11 +32,14 @@ from disturbed import (
     wait_for,
 )
 
+from ldt_core.base.errors import RecordingError
 from ldt_core.base.experiment import Experiment
 from ldt_core.cli import invoke
 from ldt_core.cli import ldt as commands
+from ldt_core.machine.machine_file import load_machine
 from ldt_core.recording.bag import read_bag
 from ldt_core.recording.writer import BagWriter
+from ldt_core.restart.recorded_run import RecordedRun
 from ldt_ros.graph.node_graph import Graph
 from ldt_ros.graph.supervisor import Supervisor
 from ldt_ros.up import launch
@@ -296,11 +300,42 @@ def test_a_recording_under_another_key_is_not_taken_up(
     for command in ("run", "up"):
         assert invoke(commands, [command, "--resume", "run", "--machine", "own.yaml"]) == 2
         errors = capsys.readouterr().err
-        assert "run, machine: expected" in errors
+        assert "run, machine: expected the machine file as it was" in errors
         assert "under which the run began" in errors
     assert invoke(commands, ["simulate", "--experiments", "2", "--out", "other"]) == 0
     assert invoke(commands, ["run", "--resume", "other"]) == 2
     assert "other: expected a recording of a run" in capsys.readouterr().err
+
+
+def test_a_run_goes_on_in_another_folder_with_the_machine_file_there(
+    tmp_path, short_rotor, monkeypatch, capsys, domain
+):
+    """What the file says counts, and not what it is called."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "own.yaml").write_text(Path(short_rotor).read_text())
+    own = ("--experiments", "4", "--model", "physics", "--bag", "run")
+    ran(tmp_path, "run", "--machine", "own.yaml", *own)
+    (tmp_path / "there").mkdir()
+    for name in ("run", "own.yaml"):
+        (tmp_path / name).rename(tmp_path / "there" / name)
+    for command in ("run", "up"):
+        ran(tmp_path, command, "--resume", "there/run", "--machine", "there/own.yaml")
+    assert invoke(commands, ["up", "--resume", "there/run", "--machine", "dc_motor"]) == 2
+    assert "--machine: expected 'own.yaml', with which" in capsys.readouterr().err
+
+
+def test_a_node_alone_goes_on_with_no_edited_machine_file(tmp_path, short_rotor):
+    """The other nodes would have the machine of before: a service is started again by itself."""
+    from ldt_ros.nodes.own_recording import OwnRecording
+
+    own = ("--experiments", "4", "--model", "physics", "--bag", "run")
+    ran(tmp_path, "run", "--machine", short_rotor, *own)
+    machine = load_machine(short_rotor)
+    run = RecordedRun(tmp_path / "run", "/", machine)
+    assert len(list(OwnRecording(run).steps())) == 4
+    edited = replace(run, machine=machine.with_parameters(m=4.8))
+    with pytest.raises(RecordingError, match="run, machine: expected the machine file as it was"):
+        OwnRecording(edited)
 
 
 def test_a_part_that_was_edited_since_the_run_began_does_not_go_on_with_it(
