@@ -14,9 +14,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from click.core import ParameterSource
 
 from ldt_core.base.errors import LdtError
-from ldt_core.base.settings import resolve
+from ldt_core.base.settings import ENDLESS, resolve
 from ldt_core.base.stopping import stop_on_signals
 from ldt_core.cli import invoke
 from ldt_core.cli.options import Command, json_option, parameters, preset_option
@@ -109,6 +110,12 @@ def _resumed(settings: dict[str, Any]) -> dict[str, Any]:
     return resumed(settings)
 
 
+def _is_given(option: str) -> bool:
+    """Whether it was typed, or stands in a file of settings."""
+    source = click.get_current_context().get_parameter_source(option)
+    return source is not ParameterSource.DEFAULT
+
+
 def _roles(settings: Mapping[str, Any]) -> Iterator[str]:
     """Of the graph; what tells them is imported when somebody asks."""
     from ldt_core.runs.fleet_members import roles
@@ -126,12 +133,14 @@ def command(settings: dict[str, Any], force: bool, as_json: bool) -> None:
 
     It simulates a machine that wears (or plays a recording, or listens to a machine's samples with
     --source stream), learns and records. It ends after the last experiment or on Ctrl-C, and prints
-    a summary.
+    a summary. A machine that streams has no last one unless you give --experiments.
 
     Example: ldt up --experiments 40 --seed 3 --out my_run
     """
     if settings["resume"]:
         refuse_force(force)
+    elif settings["source"] and not _is_given("experiments"):
+        settings["experiments"] = ENDLESS
     settings = _resumed(settings)
     given = resolve(settings)
     out = "" if settings["resume"] else settings["bag"]
@@ -143,8 +152,10 @@ def command(settings: dict[str, Any], force: bool, as_json: bool) -> None:
             machine = load_machine(settings["machine"]).name
             count = settings["machines"]
             names = [f"machine_{i + 1}" for i in range(count)] if count > 1 else [machine]
-            total = None if settings["play"] else settings["experiments"]
-            with RunProgress(dict.fromkeys(names, total)) as progress:
+            live = bool(settings["source"]) and settings["experiments"] == ENDLESS
+            total = None if settings["play"] or live else settings["experiments"]
+            resumed = bool(settings["resume"]) and not settings["play"]
+            with RunProgress(dict.fromkeys(names, total), live, resumed) as progress:
                 runs = _run(given, supervisor, progress.show, stop.is_set, progress.warn)
         print_summaries([(r.name, r.summary, str(r.bag)) for r in runs], settings, as_json)
     if stop.is_set() and not as_json and runs[0].bag.exists():

@@ -13,6 +13,8 @@ from ldt_core.base.errors import OptionError, described, did_you_mean
 #: Share of a recording's experiments by which a fit is judged, unless said otherwise.
 HOLDOUT = 0.25
 FROM_FILE = -1.0  # of a numerical option: take the machine file's value
+#: Experiments of a run without an end: as many as can be counted.
+ENDLESS = int(msgs_config.parameters()["experiments"]["range"][1])
 #: Named configurations: what they set, whatever the defaults are. Paper: Zhou, Walther, Verl, CIRP
 #: CMS 2024. Every new model is taken, S_w and the present experiment are learned from, f_d depends
 #: on the speed alone, the linear model has no offset, no experiment is refused, and theta_w is half

@@ -46,6 +46,7 @@ def command(recording: str, out: str, force: bool, namespace: str, as_json: bool
     """
     from ldt_core.cli.progress import track
     from ldt_core.recording.bag import read_bag
+    from ldt_core.recording.health import damage
     from ldt_core.views.export.predicted_runs import predicted_runs
 
     check_file(out, force, endings=tuple(FORMATS))
@@ -69,7 +70,7 @@ def command(recording: str, out: str, force: bool, namespace: str, as_json: bool
                 count = (sample_table.write_csv if csv else sample_table.write_parquet)(runs, part)
         if bag.path.is_file() and file.exists() and bag.path.samefile(file):
             raise OptionError("--out", "another file than the recording", out)
-    warn(*bag.notes)
+    warn(*damage(bag))
     size = file.stat().st_size
     record = {"out": out, "samples": count, "bytes": size}
     echo_result(as_json, record, f"{counted(count, 'sample')}, {plain(size / 1e6)} MB: {out}")

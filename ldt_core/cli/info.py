@@ -187,6 +187,9 @@ def _next(bag: Bag, health: Health) -> str:
 
 def _ended(health: Health) -> str:
     """In words how the recording came to its end."""
+    from ldt_core.base.settings import ENDLESS
+    from ldt_core.restart.run_key import command_to_resume
+
     if health.writing:
         return "it is still being recorded"
     count, wanted = health.experiments, health.settings.get("experiments")
@@ -194,9 +197,10 @@ def _ended(health: Health) -> str:
     if health.settings and not health.settings.get("play") and isinstance(wanted, int):
         if count >= wanted:
             return f"complete: {count} of {wanted} experiments" if whole else "damaged, see notes"
-        told = f"early, after {count} of {wanted} experiments"
+        early = f"early, after {count} of {wanted} experiments"
+        told = f"stopped after {counted(count, 'experiment')}" if wanted == ENDLESS else early
         how = "up" if health.settings.get("source") else "run"
-        return f"{told}; continue with ldt {how} --resume {health.path}"
+        return f"{told}; continue with {command_to_resume(health.settings, health.path, how)}"
     return "complete" if whole else "damaged or cut short, see notes; ldt doctor says what to do"
 
 

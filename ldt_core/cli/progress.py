@@ -47,15 +47,25 @@ MAX_COLUMNS = 3  # machines in the table that a run ends with; more are a row ea
 
 MINUTE = 60.0  # s
 LINE_EVERY = 30.0  # s between two lines on a pipe: a log of an hour has 120, a quick command none
+LIVE_LINE_EVERY = 3600.0  # s, the same where there is no end: what happens has lines of its own
+MOST_CHANGES = 10  # of a live machine that are told in a row: those of its first minutes
+CHANGE_EVERY = (
+    360.0  # s after which another one may be: a machine that changes at will fills no log
+)
 # Items, or a quarter of them if that is less, before the time left is told: a mean of ten is known
 # within a third of an item's own spread. The first one of a fresh installation also compiles.
 TIMED = 10
 
 
 class _Lines:
-    """Lines on a pipe's standard error, none oftener than each `LINE_EVERY`."""
+    """Lines on a pipe's standard error, none oftener than each `LINE_EVERY`.
 
-    def __init__(self) -> None:
+    Args:
+        live: there is no end; they come ever more rarely, to once in `LIVE_LINE_EVERY`.
+    """
+
+    def __init__(self, live: bool = False) -> None:
+        self._live, self._every = live, LINE_EVERY
         self._piped = not sys.stderr.isatty()
         self._told = time.monotonic()
         self._first: tuple[float, int] | None = None  # when the first were done, and how many
@@ -64,12 +74,37 @@ class _Lines:
         """Print them if it is time, and how long it will take yet where that is known."""
         now = time.monotonic()
         since, before = self._first = self._first or (now, done)
-        if self._piped and now - self._told >= LINE_EVERY:
+        if self._piped and now - self._told >= self._every:
             self._told = now
+            if self._live:
+                self._every = min(2 * self._every, LIVE_LINE_EVERY)
             timed = done - before
             known = total is not None and timed >= max(1, min(TIMED, total / 4))
             left = (now - since) * (total - done) / timed if total and known else 0
             echo(one_line(words() + (f", about {_span(left)} left" if left else "")), err=True)
+
+
+class _Changes:
+    """Which changes of a live machine are told, and how many were not."""
+
+    def __init__(self) -> None:
+        self._left, self._since = float(MOST_CHANGES), time.monotonic()
+        self._untold = 0
+
+    def told(self) -> bool:
+        """Whether the one that has come is told; it is counted if not."""
+        now = time.monotonic()
+        self._left = min(self._left + (now - self._since) / CHANGE_EVERY, MOST_CHANGES)
+        self._since = now
+        told = self._left >= 1
+        self._left -= told
+        self._untold += not told
+        return told
+
+    def untold(self) -> str:
+        """How many were not since the last line."""
+        count, self._untold = self._untold, 0
+        return f" ({count} more changes in between; ldt watch shows all)" if count else ""
 
 
 def _span(seconds: float) -> str:
@@ -96,9 +131,14 @@ class RunProgress:
 
     Args:
         totals: machine → number of experiments, None when it is not known.
+        live: it stays beside a machine without an end: what changes has a line, with the date.
+        resumed: experiments count from 1, and the first ones are not shown.
     """
 
-    def __init__(self, totals: Mapping[str, int | None]) -> None:
+    def __init__(
+        self, totals: Mapping[str, int | None], live: bool = False, resumed: bool = False
+    ) -> None:
+        self._live, self._resumed = live, resumed
         self._progress = _progress(
             TextColumn("{task.fields[machine]}"),
             BarColumn(bar_width=24),
@@ -111,8 +151,10 @@ class RunProgress:
             )
             for machine, total in totals.items()
         }
-        self._lines, self._totals = _Lines(), dict(totals)
+        self._lines, self._totals = _Lines(live), dict(totals)
         self._done = dict.fromkeys(totals, 0)
+        self._changed = dict.fromkeys(totals, False)
+        self._changes = _Changes()
 
     def __enter__(self) -> Self:
         self._progress.start()
@@ -135,21 +177,36 @@ class RunProgress:
             f"[{COLOURS[state.tone]}]{state.brief:19}[/]  "
             f"{beside:20}  model {adaptation.model_version}"
         )
-        self._progress.update(self._tasks[machine], advance=1, description=words)
+        if self._resumed and not self._done[machine]:
+            self._done[machine] = signal.experiment - 1
         self._done[machine] += 1
-        self._lines.tell(
-            lambda: (
-                f"{machine}: experiment {_of(self._done[machine], self._totals[machine])}, "
+        done = self._done[machine]
+        self._progress.update(self._tasks[machine], completed=done, description=words)
+
+        def line() -> str:
+            return (
+                f"{self._now()}{machine}: experiment {_of(done, self._totals[machine])}, "
                 f"{state.brief}, max error {signal.max_error:.3g} rad/s, "
-                f"model {adaptation.model_version}"
-            ),
-            self._done[machine],
-            self._totals[machine],
-        )
+                f"model {adaptation.model_version}{self._changes.untold()}"
+            )
+
+        before, self._changed[machine] = self._changed[machine], state.name == "changed"
+        adapted = adaptation.action == "adapted"
+        changed = adapted or (self._changed[machine] and not before)
+        if self._live and changed and self._changes.told():
+            self._print(line() + (f": {adaptation.reason}" if adapted else ""))
+        else:
+            self._lines.tell(line, done, self._totals[machine])
 
     def warn(self, machine: str, words: str) -> None:
         """What a person should look at, above the bars."""
-        self._progress.console.print(escape(one_line(f"{machine}, {words}")), soft_wrap=True)
+        self._print(f"{self._now()}{machine}, {words}")
+
+    def _print(self, line: str) -> None:
+        self._progress.console.print(escape(one_line(line)), soft_wrap=True)
+
+    def _now(self) -> str:
+        return time.strftime("%Y-%m-%d %H:%M:%S ") if self._live else ""
 
 
 class ResumableProgress:

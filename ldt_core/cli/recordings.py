@@ -16,6 +16,7 @@ from ldt_core.cli.terminal import warn
 from ldt_core.machine.experiment_limits import AMPLITUDE_FACTOR, outsized
 from ldt_core.machine.machine_file import Machine
 from ldt_core.recording.bag import read_bag
+from ldt_core.recording.health import damage
 from ldt_core.recording.held_samples import HeldSamples
 
 SHOWN = 3  # experiments named in a sentence
@@ -56,7 +57,7 @@ def read_recordings(
                 found.append(read if number == read.number else replace(read, number=number))
             else:
                 again.append(f"{read.number} (as experiment {first})")
-        warn(*bag.notes)
+        warn(*damage(bag))
         if again:
             what = counted(len(again), "experiment")
             few = some(again, SHOWN)

@@ -80,7 +80,8 @@ def _conduct(settings: dict[str, Any], no_bag: bool, stop: Stop) -> list[tuple[s
     members = fleet(machine, settings)
     total = None if settings["play"] else settings["experiments"]
     runs = []
-    with RunProgress({member.name: total for member in members}) as progress:
+    resumed = bool(settings["resume"]) and not settings["play"]
+    with RunProgress({m.name: total for m in members}, resumed=resumed) as progress:
         for member in members:
             own = member.settings
             if own["resume"] and not member.bag.exists():  # interrupted before this one's turn

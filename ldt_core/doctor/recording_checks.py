@@ -93,11 +93,9 @@ def _files(health: Health) -> list[Finding]:
             counted(total, "message"),
         )
     )
-    if health.writing:  # its last file has no end yet, and is not counted
-        here = f"{list(health.files)[-1]}: "
-        found = [problem("files", note, REPAIR_IT) for note in health.notes if here not in note]
-        return found or [ok("files", f"being written now: {shown} so far")]
     found = [problem("files", note, REPAIR_IT) for note in health.notes]
+    if health.writing:  # its last file is not counted yet
+        return found or [ok("files", f"being written now: {shown} so far")]
     if health.declared is not None:
         told = f"{shown}, metadata.yaml counts {health.declared}"
         remedy = "its recorder was killed or files were changed; ldt doctor --repair corrects it"

@@ -136,10 +136,19 @@ def inspect(bag: Bag, seen: Callable[[str, Record], object] | None = None) -> He
             reading.take(raw)
     health.answered["prediction"] = reading.predicted()
     reading.hold_to_each_other()
-    health.notes = bag.notes
+    health.notes = damage(bag)
     if health.declared == whole:
         health.declared = None
     return health
+
+
+def damage(bag: Bag) -> list[str]:
+    """Notes of a recording, but for the file that is being written: it has no end yet."""
+    notes = bag.notes
+    if notes and is_written(bag.path):
+        here = f"{bag.storage.files[-1]}: "
+        notes = [note for note in notes if not note.startswith(here)]
+    return notes
 
 
 class _Reading:

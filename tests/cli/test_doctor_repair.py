@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from ldt_core.base.experiment import Experiment
+from ldt_core.base.settings import ENDLESS
 from ldt_core.cli import invoke, ldt
 from ldt_core.recording.bag import experiments, read_bag
 from ldt_core.recording.writer import BagWriter
@@ -116,14 +117,30 @@ def test_the_files_of_several_machines_are_mended_without_naming_one(tmp_path, c
 
 
 def test_a_recording_that_is_being_written_is_no_damage(tmp_path, capsys):
-    """Its last file has no end yet: exit 0."""
+    """Its last file has no end yet: exit 0, and no command speaks of a writer that was killed."""
     rest = np.zeros(9)
-    with BagWriter(tmp_path / "bag", "rotor") as writer:
+    bag = str(tmp_path / "bag")
+    with BagWriter(bag, "rotor") as writer:
         writer.write("experiment", Experiment(1, 5.0, 0.1, rest, rest), 5.0)
         writer.flush()
-        code, shown, _ = doctor(capsys, str(tmp_path / "bag"))
-    assert code == 0
-    assert shown.startswith("ok       files        being written now: 1 file, ")
+        code, shown, _ = doctor(capsys, bag)
+        assert code == 0
+        assert shown.startswith("ok       files        being written now: 1 file, ")
+        for command in (["info", bag], ["export", bag, "-o", str(tmp_path / "table.csv")]):
+            assert invoke(ldt, command) == 0
+            told = capsys.readouterr()
+            assert "killed" not in told.out + told.err
+
+
+def test_info_names_the_command_that_goes_on_with_a_run(tmp_path, short_rotor, capsys):
+    """With the machine file, which has to be given again; a stream has no end to be short of."""
+    began = {"machine": short_rotor, "source": "stream", "experiments": ENDLESS}
+    with BagWriter(tmp_path / "bag", "rotor", settings=began) as writer:
+        rest = np.zeros(9)
+        writer.write("experiment", Experiment(1, 5.0, 0.1, rest, rest), 5.0)
+    assert invoke(ldt, ["info", str(tmp_path / "bag")]) == 0
+    again = f"ldt up --resume {tmp_path / 'bag'} --machine {short_rotor}"
+    assert f"stopped after 1 experiment; continue with {again}" in capsys.readouterr().out
 
 
 def test_what_is_no_recording_is_refused(tmp_path, capsys):

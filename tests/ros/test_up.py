@@ -316,6 +316,28 @@ def test_the_settings_of_a_run_that_goes_on_are_read_once(tmp_path, monkeypatch,
     assert read == ["run", "run"]
 
 
+def test_a_run_beside_a_machine_that_streams_has_no_end_unless_one_is_given(monkeypatch, tmp_path):
+    """It ended after 200 experiments, a quarter of an hour, and nobody had asked for that."""
+    from ldt_core.base.errors import LdtError
+    from ldt_core.cli import invoke
+    from ldt_ros import up
+
+    asked = []
+
+    def secured(settings, *_):
+        asked.append(settings["experiments"])
+        raise LdtError("enough")
+
+    monkeypatch.setattr(up, "secured", secured)
+    monkeypatch.setattr(up, "prepare", lambda folder: {})
+    file = tmp_path / "given.yaml"
+    file.write_text("experiments: 300\n")
+    stream = ("--source", "stream")
+    for more in (stream, (*stream, "--experiments", "200"), (*stream, "--settings", str(file)), ()):
+        assert invoke(up.command, list(more)) == 1
+    assert asked == [up.ENDLESS, 200, 300, 200]
+
+
 def test_two_graphs_that_start_at_the_same_moment_do_not_merge(start):
     """Whichever goes on alone is right; one that shares its topics with another ends with 2."""
     common = ("--experiments", "15", "--rate", "40", "--json")
