@@ -89,14 +89,15 @@ class Child:
 
 
 def last_line(log: Path) -> str:
-    """The last line of a process's output that says something."""
+    """The last line of a process's output that may be the reason of its end."""
     try:
         with log.open("rb") as file:
             file.seek(max(0, log.stat().st_size - TAIL))
             lines = file.read().decode(errors="replace").split("\n")
     except FileNotFoundError:
         return "its output was deleted"
-    return next((line.strip() for line in reversed(lines) if line.strip()), "no output")
+    told = (line.strip() for line in reversed(lines))
+    return next((line for line in told if line and not line.startswith("[INFO]")), "no output")
 
 
 class ForkServer:

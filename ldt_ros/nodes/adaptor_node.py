@@ -18,6 +18,9 @@ from ldt_ros.nodes.node import LdtNode
 from ldt_ros.nodes.pairing import ExperimentPairs
 from ldt_ros.nodes.stage_worker import StageWorker
 
+#: Time between two lines of the log that tell of a new model [s]: a journal is kept for months.
+LOGGED_EVERY = 60.0
+
 SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
 
 
@@ -155,4 +158,6 @@ class AdaptorNode(LdtNode, LifecycleNodeMixin):
             self._diagnosis.publish(to_message(diagnosis, experiment.end, self.machine.name))
         if model.version != before:
             self._model.publish(to_message(model.record()))
+            words = one_line(f"experiment {experiment.number}: {adaptation.reason}")
+            self.get_logger().info(words, throttle_duration_sec=LOGGED_EVERY)
         self._adaptation.publish(to_message(adaptation, experiment.end, self.machine.name))

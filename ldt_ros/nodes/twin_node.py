@@ -79,12 +79,16 @@ class Arrivals(NodePart):
         return {"missing": self.missing, "overdue": self.overdue}
 
     def complaint(self) -> str:
-        """What is to be said of it now; "" when all is well."""
+        """What is to be said of it now; "" when all is well.
+
+        What no source keeps any more does not come, and is no news: it is only counted.
+        """
         found = []
         if self._told:
             waited = self._clock() - self._since
             found.append(f"no experiment for {waited:.0f} s, one is due every {self.deadline:g} s")
-        if gaps := self._numbers.gaps:
+        gaps, spans = self._numbers.gaps, self._numbers.spans
+        if gaps and gaps[-1][1] >= spans[-1][1] - WINDOW:
             first, last = gaps[-1]
             which = f"{first}" if first == last else f"{first} to {last}"
             found.append(f"{self.missing} experiments are missing, last {which}")
@@ -103,7 +107,7 @@ class TwinNode(LdtNode):
     | `experiment`, its number does not follow (`Numbering`) | rejected, `refused experiment` told |
     | `experiment`, impossible for the machine | rejected, `refused experiment` told |
     | more than 200 experiments waiting | the oldest is dropped and counted |
-    | a number above the next | those between are counted as missing, and told of |
+    | a number above the next | those between are counted as missing, told of for 100 more |
     | none for the `deadline`, if there is one | told of until one comes, counted |
     | `model` | kept until an adaptation names its version; the last twelve |
     | `model` that cannot predict | rejected |

@@ -14,6 +14,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy  # noqa: E402
 from std_msgs.msg import Float64MultiArray  # noqa: E402
 from stranger import adaptation, experiment, log_of  # noqa: E402
 
+from ldt_core.twin.stage import WINDOW  # noqa: E402
 from ldt_ros.nodes.detector_node import DetectorNode  # noqa: E402
 from ldt_ros.nodes.interfaces import qos, to_message  # noqa: E402
 from ldt_ros.nodes.twin_node import Arrivals, TwinNode  # noqa: E402
@@ -64,6 +65,16 @@ def test_numbers_that_were_left_out_are_missing_until_they_come():
     for number in (9, 10, 11):
         arrivals.known(number)
     assert (arrivals.complaint(), arrivals.missing) == ("", 0)
+
+
+def test_a_gap_of_last_week_is_counted_and_no_warning_any_more():
+    """What no source keeps does not come: a warning that never goes hides the next one."""
+    arrivals = Arrivals(0.0)
+    for number in (1, 4, *range(5, 4 + WINDOW)):
+        arrivals.known(number)
+    assert arrivals.complaint() == "2 experiments are missing, last 2 to 3"
+    arrivals.known(4 + WINDOW)
+    assert (arrivals.complaint(), arrivals.missing) == ("", 2)
 
 
 def test_the_twin_tells_of_overdue_and_missing_experiments(stranger):

@@ -190,8 +190,11 @@ def models(tmp_path) -> Path:
     return file
 
 
-def test_health_is_told_while_the_adaptor_trains_and_order_is_kept(stranger, models):
-    """Training is on a thread of its own; what comes meanwhile waits for it."""
+def test_health_is_told_while_the_adaptor_trains_and_order_is_kept(stranger, models, capfd):
+    """Training is on a thread of its own; what comes meanwhile waits for it.
+
+    What was learned is in the log: a service's journal is all that its engineer reads.
+    """
     node = stranger.start(AdaptorNode, model=f"{models}:SlowModel", gate="none")
     stranger.listen("adaptation", "model", "/diagnostics")
     stranger.send("experiment", *(experiment(n) for n in (1, 2, 3)))
@@ -210,6 +213,7 @@ def test_health_is_told_while_the_adaptor_trains_and_order_is_kept(stranger, mod
     assert {a.model_version for a in stranger.heard["adaptation"]} == {1}
     stranger.until(lambda: [m.version for m in stranger.heard["model"]] == [0, 1])
     stranger.until(lambda: stranger.health("adaptor").get("training") == "false")
+    assert "[adaptor]: experiment 1: version 1" in capfd.readouterr().err
 
 
 def no_more_threads(self):
