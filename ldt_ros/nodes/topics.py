@@ -50,6 +50,7 @@ class TopicLinks:
 
         def liveliness(event: Any) -> None:
             if event.alive_count > 0:
+                self.heard(topic)
                 self.alive[topic] = True
             elif event.not_alive_count_change > 0:
                 self.alive[topic] = False
@@ -80,6 +81,7 @@ class TopicLinks:
         """A message is a sign of life too; that of the middleware does not come back each time."""
         if not self.alive.get(topic, True):
             self.alive[topic] = True
+            self._node.get_logger().info(f"{topic} is heard again")
 
     def complaint(self) -> str:
         """What is wrong now; "" when nothing is."""

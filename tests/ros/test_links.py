@@ -122,7 +122,7 @@ def test_a_listener_that_asks_for_too_much_is_counted_where_it_hears_nothing(str
 
 
 def test_a_publisher_that_is_stopped_is_told_of_until_it_goes_on(stranger, programs):
-    """A process of the graph; the same for one that was killed or cut off."""
+    """A process of the graph; the same for one that was killed or cut off. The log has both."""
     graph = ["twin", "detector"]
     names = ["--ros-args", "-p", "model:=physics", "-p", f"graph:=[{','.join(graph)}]"]
     other = [sys.executable, "-m", "ldt_ros.graph.process", "--node", "twin"]
@@ -133,8 +133,10 @@ def test_a_publisher_that_is_stopped_is_told_of_until_it_goes_on(stranger, progr
     process.send_signal(signal.SIGSTOP)
     found = told(stranger, "detector", "no sign of life of who publishes prediction")
     assert (found["level"], found["times lifeless, prediction"]) == (WARN, "1")
+    logged = log_of(stranger)
     process.send_signal(signal.SIGCONT)
     assert told(stranger, "detector", "running")["level"] == OK
+    stranger.until(lambda: [m for m in logged if m.msg == "prediction is heard again"])
     assert not node.topics.rejected
     process.terminate()
     stranger.until(lambda: not node.count_publishers("prediction"))
