@@ -232,12 +232,12 @@ def complete_steps(
             if isinstance(record, Adaptation) and held and record.number == held.number:
                 held = _rolled_back(held, record, models)
             counted.take(name, record)
-        for step in counted.completed():
+        for step, behind_gap in counted.completed():
             diagnosis, advice = (said_at(step[0], beside[kind]) for kind in BESIDE)
             if held is not None:
                 yield held
             before = _version_after(held, begin)
-            held = RecordedStep(*step, diagnosis, advice)
+            held = RecordedStep(*step, diagnosis, advice, behind_gap=behind_gap)
             version = held.adaptation.model_version
             if held.model is None and before not in (None, version):
                 held = replace(held, model=models.get(version) or _of_version(bag, version))
@@ -277,6 +277,7 @@ class _Counted:
         self._starts: dict[int, float] = {}  # of the last steps that were completed
         self._open: dict[int, _Open] = {}
         self._anew: dict[int, _Open] = {}  # of numbers that are done, at another time
+        self._left_out = False  # whether one that had begun was, since the last complete one
 
     def take(self, name: str, record: Any) -> None:
         """Take in what is said of an experiment."""
@@ -291,24 +292,27 @@ class _Counted:
         elif start is None and number in self._anew:
             _take(self._anew[number], name, record)
 
-    def completed(self) -> Iterator[_Complete]:
-        """Steps that are complete by now; those before them are left out from now on."""
+    def completed(self) -> Iterator[tuple[_Complete, bool]]:
+        """Steps that are complete by now, and whether others before them are left out for good."""
         yield from self._in_turn()
         # Each topic keeps its order: what was under way before such a step is not completed later.
         if any(self._complete(step) for step in self._anew.values()):
+            self._left_out |= any(step.begun for step in self._open.values())
             self._open, self._anew, self._done = self._anew, {}, 0
             yield from self._in_turn()
 
-    def _in_turn(self) -> Iterator[_Complete]:
+    def _in_turn(self) -> Iterator[tuple[_Complete, bool]]:
         for number in sorted(self._open):
             step = self._complete(self._open[number])
             if step is not None:
                 self._done = number
                 self._starts[number] = step[0].start
                 forget_oldest(self._starts, 2 * WINDOW)
-                for earlier in [n for n in self._open if n <= number]:
-                    del self._open[earlier]
-                yield step
+                del self._open[number]
+                for earlier in [n for n in self._open if n < number]:
+                    self._left_out |= self._open.pop(earlier).begun
+                left_out, self._left_out = self._left_out, False
+                yield step, left_out
             elif self._may_come(self._open[number]) and len(self._open) <= WINDOW:
                 break
 

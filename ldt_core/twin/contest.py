@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -326,7 +327,9 @@ class ContestAdaptor(KnownVersions):
         if told.get(ORIGINAL):
             self.watch.withdraw(before.version)
         if not passed_over or ROLLED_BACK in told:
-            self.followed = self._version(told.get(FOLLOWED, self.model.version))
+            self.followed = self.model
+            with contextlib.suppress(KeyError):  # one that came in a gap of the recording
+                self.followed = self._version(told.get(FOLLOWED, self.model.version))
 
     def _recall_search(self, step: RecordedStep) -> None:
         """What a search was granted, that it has ended, or that another one began."""

@@ -73,6 +73,7 @@ class DetectorStage:
         #: Why the detector failed at the last experiment, "" if it did not.
         self.trouble = ""
         self._statistics: dict[str, float] = {}  # of the last answer
+        self._lacks = False  # whether it recalled a recording that lacks some of what was judged
 
     def step(self, experiment: Experiment, prediction: Prediction) -> Signal:
         """The signal for one experiment: a warning that says so where the detector fails.
@@ -107,6 +108,8 @@ class DetectorStage:
     def recall(self, step: RecordedStep) -> None:
         """Update the detector as in a recorded step.
 
+        Behind a gap it cannot come to the same answers: those recorded count.
+
         Raises:
             RecordingError: this detector answers otherwise than the recorded one.
         """
@@ -114,7 +117,8 @@ class DetectorStage:
         recorded, answer = step.signal.level, self.detector.signal
         if not judged:
             answer = Level.WARNING
-        if step.signal.detector != self.name or answer is not recorded:
+        self._lacks |= step.behind_gap
+        if step.signal.detector != self.name or (answer is not recorded and not self._lacks):
             raise RecordingError(
                 f"signal of experiment {step.experiment.number}",
                 f"{recorded.word!r} by the detector {step.signal.detector}, as recorded",

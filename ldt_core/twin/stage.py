@@ -29,6 +29,7 @@ class RecordedStep:
         adaptation: what was done; after a rollback, that.
         model: adopted in this step, or by a rollback; None where the model stayed.
         original: by the model that never learns, or None where it was not read.
+        behind_gap: whether the twin made steps right before it that are not recorded whole.
     """
 
     experiment: Experiment
@@ -39,6 +40,7 @@ class RecordedStep:
     diagnosis: DiagnosisRecord | None = None
     advice: AdviceRecord | None = None
     original: Prediction | None = None
+    behind_gap: bool = False
 
     def __repr__(self) -> str:
         return f"RecordedStep({self.number}, {self.signal.level.word}, {self.adaptation.action})"
