@@ -26,6 +26,7 @@ from ldt_core.runs.offline import run
 from ldt_core.twin.cause_search import CauseSearch, Question
 from ldt_core.twin.loop import Twin
 from ldt_core.twin.original_watch import OriginalWatch
+from ldt_core.twin.stage import RecordedStep
 from ldt_core.twin.version_errors import alike, fails_before
 
 pytestmark = pytest.mark.slow
@@ -59,7 +60,7 @@ def learned(steps):
     twin = ldt.Twin("rotor", model="auto")
     restart = TwinRestart(twin, RecordedRun("", "", ROTOR), pytest.fail)
     for step in steps:
-        restart.recall(step)
+        restart.recall(RecordedStep(**vars(step)))
     return Plant(wearing("quadratic_drag", "c", 4e-4), experiments=8, seed=3), twin, steps[-1]
 
 
