@@ -12,12 +12,16 @@ import functools
 import importlib
 import importlib.util
 import sys
+import traceback
 from collections.abc import Mapping
 from importlib import metadata
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from ldt_core.base.errors import FAULTS, OptionError, did_you_mean, reason_of
+
+FILES_REMEMBERED = 64  # more than a user has of plug-ins
 
 
 def entry_points(group: str) -> metadata.EntryPoints:
@@ -61,14 +65,20 @@ class Registry:
         """The member of that name, or the attribute of a file for `path/to/file.py:Name`.
 
         Raises:
-            OptionError: nothing of that name.
+            OptionError: nothing of that name, or what fails as it is imported.
         """
         if name in self.builtin:
             module, _, attribute = self.builtin[name].partition(":")
             return getattr(importlib.import_module(module), attribute)
         for entry in entry_points(self.group):
             if entry.name == name:
-                return entry.load()
+                try:
+                    return entry.load()
+                except FAULTS as error:  # whatever that package does
+                    package = entry.dist.name if entry.dist else "another package"
+                    where = f"{self.what} {name} of the package {package}"
+                    expected = f"{entry.value} that can be imported"
+                    raise OptionError(where, expected, reason_of(error)) from error
         self.require(name)
         return self._from_file(name)
 
@@ -76,17 +86,35 @@ class Registry:
         path, _, attribute = name.rpartition(":")
         if not Path(path).is_file():
             raise OptionError(self.what, f"a Python file at {path}", "no such file")
-        spec = importlib.util.spec_from_file_location(Path(path).stem, path)
-        assert spec is not None
-        assert spec.loader is not None
-        module = importlib.util.module_from_spec(spec)
         try:
-            with contextlib.chdir("."):  # which a file may leave; results are written there
-                spec.loader.exec_module(module)
-        except FAULTS as error:  # whatever the user's file does
-            expected = "a Python file that can be imported"
-            raise OptionError(path, expected, reason_of(error)) from error
+            text = Path(path).read_bytes()
+        except OSError as error:
+            raise OptionError(self.what, f"a Python file at {path}", reason_of(error)) from error
+        module = _module(path, str(Path(path).resolve()), text)
         if not hasattr(module, attribute):
             public = [n for n in vars(module) if not n.startswith("_")]
             raise OptionError(name, did_you_mean(attribute, public), repr(attribute))
         return getattr(module, attribute)
+
+
+@functools.lru_cache(maxsize=FILES_REMEMBERED)
+def _module(path: str, _place: str, _text: bytes) -> ModuleType:
+    """A user's file, run once a text: an engine is made anew no more often than it was changed."""
+    spec = importlib.util.spec_from_file_location(Path(path).stem, path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    try:
+        with contextlib.chdir("."):  # which a file may leave; results are written there
+            spec.loader.exec_module(module)
+    except FAULTS as error:  # whatever the user's file does
+        expected = "a Python file that can be imported"
+        raise OptionError(path, expected, reason_of(error) + line_in(path, error)) from error
+    return module
+
+
+def line_in(path: str, error: BaseException) -> str:
+    """Where in a user's file an error came up, as words behind it; "" where not there."""
+    frames, place = traceback.extract_tb(error.__traceback__), str(Path(path).absolute())
+    lines = [f.lineno for f in frames if f.filename in (path, place)]
+    return f" (line {lines[-1]})" if lines else ""

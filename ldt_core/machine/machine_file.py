@@ -38,6 +38,7 @@ from ldt_core.machine.file_values import (
 )
 from ldt_core.physics import PHYSICS
 from ldt_core.physics.known_effects import PhysicsWithEffects
+from ldt_core.physics.own_physics import named_physics, refuse_faulty
 from ldt_core.physics.parameter import own_name
 
 if TYPE_CHECKING:
@@ -306,10 +307,7 @@ def machine_from_dict(data: Any, source: str) -> Machine:
     if len(name) > LONGEST_NAME:
         expected = f"at most {LONGEST_NAME} characters"
         raise MachineFileError(f"{source}, name", expected, f"{len(name)}")
-    try:
-        physics = PHYSICS.get(top["physics"] if isinstance(top["physics"], str) else "?")
-    except OptionError as error:
-        raise MachineFileError(f"{source}, physics", error.expected, repr(top["physics"])) from None
+    physics = named_physics(source, top["physics"])
     limits = mapping_of(f"{source}, limits", top["limits"])
     check_keys(f"{source}, limits", limits, ("voltage",), ())
     experiment = mapping_of(f"{source}, experiment", top["experiment"])
@@ -325,6 +323,8 @@ def machine_from_dict(data: Any, source: str) -> Machine:
         )
     parameters = mapping_of(f"{source}, parameters", top["parameters"])
     stated = stated_parameters(source, physics, parameters)
+    voltage = _limits(f"{source}, limits.voltage", limits["voltage"])
+    refuse_faulty(source, top["physics"], physics, stated.values, max(map(abs, voltage)))
     refuse_too_fast(source, physics, stated.values)
     effects, beside = stated_effects(source, physics, stated.values, top.get("effects", []))
     return Machine(
@@ -333,7 +333,7 @@ def machine_from_dict(data: Any, source: str) -> Machine:
         parameters={**stated.values, **beside.values},
         deviations={**stated.deviations, **beside.deviations},
         acting=tuple(effect.name for effect in effects),
-        voltage_limits=_limits(f"{source}, limits.voltage", limits["voltage"]),
+        voltage_limits=voltage,
         duration=duration,
         sample_period=period,
         simulation=mapping_of(f"{source}, simulation", top.get("simulation") or {}),

@@ -1,0 +1,114 @@
+"""A mistake in somebody else's physics is told in a sentence, where the file names it."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from ldt_core.base.errors import MachineFileError
+from ldt_core.checks import check_physics
+from ldt_core.machine.machine_file import Machine
+from ldt_core.physics import PHYSICS
+
+FAN = """
+from ldt_core.physics.motor import Motor
+from ldt_core.physics.parameter import Parameter
+class Fan(Motor):
+    name = "fan"
+    parameters = (*Motor.parameters, Parameter("J_fan", "kg m^2", 0.0, description="of the fan"))
+    def felt(self, v):
+        return {**v, "J": v["J"] + v["J_fan"]}
+    def constants(self, v):
+        return super().constants(self.felt(v))
+    def rate(self, v, voltage):
+        return super().rate(self.felt(v), voltage)
+    def system(self, v):
+        return super().system(self.felt(v))
+    def state_space(self, v):
+        return super().state_space(self.felt(v))
+FAN = Fan()
+"""
+FELT = '{**v, "J": v["J"] + v["J_fan"]}'
+
+
+def fan(folder: Path, text: str = FAN, effects: tuple[dict, ...] = ()) -> Machine:
+    """The machine of a physics whose file says this."""
+    file = folder / "fan.py"
+    file.write_text(text)
+    return Machine(
+        {
+            "name": "fan",
+            "physics": f"{file}:FAN",
+            "parameters": {"J": 2e-4, "K_t": 0.06, "R": 0.8, "L": 1e-3, "b": 1e-4, "J_fan": 7e-4},
+            "effects": list(effects),
+            "limits": {"voltage": [-24, 24]},
+            "experiment": {"duration": 2, "sample_period": 0.01},
+        }
+    )
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "said"),
+    [
+        ("FAN = Fan()", "FAN = Fan", "expected an object, as in FAN = Fan(), got <class"),
+        ("FAN = Fan()", "FAN = 3", "expected an object whose class is a Physics"),
+        ("FAN = Fan()", "FAN = 1 / 0", "ZeroDivisionError: division by zero (line 17)"),
+        ('v["J_fan"]}', 'v["Jfan"]}', "got KeyError: 'Jfan' (line 8)"),
+        (FELT, '{**v, "J": float("nan")}', "state_space: expected finite numbers"),
+        (f"return {FELT}", 'v["J"] += v["J_fan"]; return v', "the parameters left as they are"),
+        ("constants(self, v):", "constants(self):", "constants: expected numbers, got TypeError"),
+    ],
+)
+def test_a_mistake_in_an_own_physics_is_told_with_its_place(right, wrong, said, tmp_path):
+    """It was a traceback from inside LDT, or a wrong simulation without a word."""
+    assert FAN.count(right) == 1
+    with pytest.raises(MachineFileError, match=re.escape(said)) as told:
+        fan(tmp_path, FAN.replace(right, wrong))
+    assert f"physics {tmp_path / 'fan.py'}:FAN" in str(told.value)
+    assert "\n" not in str(told.value)
+
+
+def test_a_state_space_of_another_machine_is_noticed(tmp_path):
+    """Learned models begin with it; the check passed without a word."""
+    kept = FAN.replace("def state_space", "def another")
+    with pytest.raises(AssertionError, match="`system` and `state_space` tell of different"):
+        check_physics(fan(tmp_path, kept))
+
+
+def test_known_effects_leave_the_check_of_the_equations_whole(tmp_path):
+    """With an effect in the file, neither `system` nor `rate` was looked at."""
+    drag = ({"name": "quadratic_drag", "parameters": {"c": 4e-6}},)
+    assert check_physics(fan(tmp_path, FAN, drag)) == check_physics(fan(tmp_path))
+    wrong = FAN.replace("super().system(self.felt(v))", "super().system(v)")
+    with pytest.raises(AssertionError, match="`system` and `constants`"):
+        check_physics(fan(tmp_path, wrong, drag))
+
+
+def test_a_file_is_run_once_until_it_changes(tmp_path):
+    """An engine was made anew at each look at it: slowly, and no check saw what it remembers."""
+    machine = fan(tmp_path)
+    first = PHYSICS.get(machine.physics)
+    assert PHYSICS.get(machine.physics) is first
+    assert machine.model is first
+    fan(tmp_path, FAN.replace("of the fan", "of the blades"))
+    assert PHYSICS.get(machine.physics).parameters[-1].description == "of the blades"
+
+
+def test_an_engine_that_remembers_is_noticed(tmp_path):
+    """Its second run differs from the first."""
+    text = """
+from ldt_core.physics.motor import Motor
+from ldt_core.physics.simulator import Simulator
+class Fan(Simulator):
+    name = "fan"
+    parameters = (*Motor.parameters, Motor.parameters[0].__class__("J_fan", "", 0.0, description="x"))
+    seen = 0
+    def advance(self, values, state, voltage, torque, duration):
+        self.seen += 1
+        return state[0], voltage + 1e-6 * self.seen, state[2]
+FAN = Fan()
+"""
+    with pytest.raises(AssertionError, match="two runs differ"):
+        check_physics(fan(tmp_path, text))
