@@ -13,6 +13,7 @@ from ldt_core.base.errors import BadInput, LdtError, OptionError
 from ldt_core.base.sentences import counted
 from ldt_core.checks.physics_checks import PERIOD, trial_speed
 from ldt_core.machine.machine_file import Machine, load_machine
+from ldt_core.physics import PHYSICS
 from ldt_core.physics.base import MAX_STEP, SPEED, FreeRun
 from ldt_core.physics.effect import Effect
 from ldt_core.physics.integrate import MAX_STEP_RATE
@@ -54,7 +55,10 @@ def check_effect(effect: Effect, machines: list[Machine] | None = None) -> list[
         machines = [rotor, load_machine("dc_motor")]
     suited = [m for m in machines if _suits(effect, m)]
     name = effect.name
-    assert suited, f"{name}: none of the machines {[m.name for m in machines]} has {effect.needs}"
+    assert suited, (
+        f"{name}: needs {' and '.join(effect.needs)} of a machine, which "
+        f"{' and '.join(m.name for m in machines)} lack; --machine names the file of one that has"
+    )
     assert effect.description, f"{name}: no description"
     assert effect.equation, f"{name}: no equation"
     assert effect.parameters, f"{name}: no parameter"
@@ -174,9 +178,10 @@ def _check_step(effect: Effect, machine: Machine, speed: np.ndarray) -> float:
     physics = machine.model
     values = effect.change_parameters(physics, machine.parameters, typical)
     rate = effect.rate(values, limit, typical)
-    if isinstance(physics, MotorDriven):
-        rate = max(physics.rate(values, limit), rate)
-    step = min(MAX_STEP, MAX_STEP_RATE / rate) / 4
+    bare = PHYSICS.get(machine.physics)
+    if isinstance(bare, MotorDriven):
+        rate = max(bare.rate(values, limit), rate)
+    step = (min(MAX_STEP, MAX_STEP_RATE / rate) if rate > 0 else MAX_STEP) / 4
     change = float(np.abs(_speed(machine, effect, typical, step) - speed).max())
     assert change <= STEP_TOLERANCE, (
         f"{effect.name} on {machine.name}: a quarter of the integration step changes the speed by "

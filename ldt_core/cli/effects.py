@@ -18,24 +18,35 @@ if TYPE_CHECKING:
 
 @click.command("effects", short_help="List the known effects, or check one of your own.")
 @click.argument("effect", required=False, shell_complete=known("effect"))
+@click.option(
+    "--machine",
+    metavar="FILE",
+    help="Machine file to check EFFECT on, as one that needs parameters of your own physics.",
+)
 @json_option
-def command(effect: str | None, as_json: bool) -> None:
+def command(effect: str | None, machine: str | None, as_json: bool) -> None:
     """List the effects that --effect takes, or check EFFECT, a name or FILE.py:NAME.
 
-    The check runs the effect on the machines that ship with LDT and reports the result. If your
-    effect fails a check, the command ends with a sentence and exit code 2.
+    The check runs the effect on the machines that ship with LDT, or on that of --machine, and
+    reports the result. If your effect fails a check, the command ends with a sentence and exit
+    code 2.
 
     Example: ldt effects cubic_drag.py:CUBIC_DRAG
     """
-    from ldt_core.effects import get_effect
+    from ldt_core.base.errors import OptionError
+    from ldt_core.effects import EFFECTS, get_effect
 
     if effect is not None:
         found = get_effect(effect)
-        checked = _check(found)
+        if ".py:" in effect and found.name in EFFECTS.names():
+            raise OptionError(f"effect {effect}", "a name that no other has", repr(found.name))
+        checked = _check(found, machine)
         record = {**_record(found), "checked": checked}
         lines = [*_lines(found), "", "Checked:", *(f"- {c}" for c in checked)]
         echo_result(as_json, record, *lines)
         return
+    if machine is not None:
+        raise OptionError("--machine", "an EFFECT to check on it", "none")
     known = _known()
     text = "\n\n".join("\n".join(_lines(e)) for e in known)
     echo_result(as_json, [_record(e) for e in known], text)
@@ -56,12 +67,14 @@ def _known() -> list[Effect]:
     return found
 
 
-def _check(effect: Effect) -> list[str]:
+def _check(effect: Effect, machine: str | None) -> list[str]:
     from ldt_core.base.errors import LdtError
     from ldt_core.checks import check_effect
+    from ldt_core.machine.machine_file import load_machine
 
+    machines = None if machine is None else [load_machine(machine)]
     try:
-        return check_effect(effect)
+        return check_effect(effect, machines)
     except (AssertionError, LdtError) as error:
         raise click.ClickException(str(error)) from error
     except Exception as error:  # whatever the user's functions do

@@ -64,13 +64,16 @@ def get_effect(name: str) -> Effect:
     """The effect of that name, or of `path/to/file.py:NAME`.
 
     Raises:
-        OptionError: nothing of that name, or something that is no effect.
+        OptionError: nothing of that name, something that is no effect, or one of another name.
     """
     from ldt_core.physics.effect import Effect
 
     effect = EFFECTS.get(name)
     if not isinstance(effect, Effect):
         raise OptionError(f"effect {name}", "an object of class Effect", repr(effect))
+    if effect.name != name and ".py:" not in name:  # a diagnosis names it, and reads it back
+        expected = f"an entry point of the effect's own name, {effect.name!r}"
+        raise OptionError(f"effect {name}", expected, repr(name))
     return effect
 
 

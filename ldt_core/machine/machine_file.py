@@ -146,7 +146,11 @@ class Machine:
         return _effect(name) if known is None else _about(name, tuple(known.items()))
 
     def possible_effects(self) -> list[Effect]:
-        """The effects of the library that this machine can have, as changes of it."""
+        """The effects of the library that this machine can have, as changes of it.
+
+        Raises:
+            OptionError: an installed one that cannot be loaded.
+        """
         found = []
         for effect in map(self.effect, EFFECTS.names()):
             with contextlib.suppress(OptionError):

@@ -39,7 +39,7 @@ from ldt_core.base.errors import (
     reason_of,
 )
 from ldt_core.physics.parameter import LARGEST, SMALLEST, Parameter, Values, own_name
-from ldt_core.physics.terms import Terms, compile_term
+from ldt_core.physics.terms import ARGUMENTS, Terms, code_of, compile_term
 
 
 class HasParameters(Protocol):
@@ -54,7 +54,7 @@ class HasParameters(Protocol):
         """In their order."""
 
 
-ARGUMENTS = ("t", "theta", "omega", "current", "voltage")  # of torque and terminal
+READ = ARGUMENTS[:-1]  # of what torque and terminal take, what changes over a run
 STAGES = ("on_parameters", "on_voltage", "torque", "terminal", "on_measurement")
 
 
@@ -288,12 +288,12 @@ class Effect:
         As its bytecode says; of what is no plain Python function, all.
         """
         function = self.torque or self.terminal
-        code = getattr(getattr(function, "py_func", function), "__code__", None)
-        if code is None or code.co_argcount < len(ARGUMENTS):
-            return frozenset(ARGUMENTS)
-        given = code.co_varnames[: len(ARGUMENTS)]
+        code = code_of(function) if function else None
+        if code is None or code.co_argcount < len(READ):
+            return frozenset(READ)
+        given = code.co_varnames[: len(READ)]
         named = {x for i in dis.get_instructions(code) for x in _named(i.argval)}
-        return frozenset(a for a, name in zip(ARGUMENTS, given, strict=True) if name in named)
+        return frozenset(a for a, name in zip(READ, given, strict=True) if name in named)
 
     @functools.cached_property
     def compiled(self) -> Any:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ldt_core.base.errors import FAULTS, LdtError, MachineFileError, described, reason_of
+from ldt_core.base.errors import FAULTS, MachineFileError, OptionError, described, reason_of
 from ldt_core.base.registry import line_in
 from ldt_core.physics import PHYSICS
 from ldt_core.physics.base import Physics
@@ -28,7 +28,7 @@ def named_physics(source: str, given: Any) -> Physics:
         raise MachineFileError(where, "a name or file.py:NAME (ldt docs physics)", described(given))
     try:
         found = PHYSICS.get(given)
-    except LdtError as error:
+    except OptionError as error:
         own = f"{where} {given}" if ".py:" in given else where
         raise MachineFileError(own, error.expected, error.got) from error
     if not isinstance(found, Physics):

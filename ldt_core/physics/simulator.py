@@ -101,7 +101,7 @@ class Simulator(Physics):
         fine = (times[:-1, None] + duration * (np.arange(steps) + 0.5)).ravel()
         held = levels[np.searchsorted(at, fine, side="right") - 1]
         followed, gain = tracked
-        with _ENGINE:
+        with _ENGINE, np.errstate(all="ignore"):  # a search comes by absurd values
             for k in range(volts.size):
                 states[k] = np.concatenate([state, acting.own])
                 if not np.isfinite(states[k]).all():

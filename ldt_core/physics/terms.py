@@ -13,9 +13,11 @@ in s, rad, rad/s, A, V. `p` holds the effect's parameters in their order, then t
 
 from __future__ import annotations
 
+import dis
 import math
 import re
 from collections.abc import Callable
+from types import CodeType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -35,6 +37,11 @@ TERM_WITH_STATES = _F(_F, _F, _F, _F, _F, _POINTER, _POINTER, _POINTER)
 BYTES = 8  # of a float64
 COLOURS = re.compile("\x1b\\[[0-9;]*m")  # for a terminal, in numba's sentences
 PREAMBLE = "Failed in nopython mode"  # above what is wrong
+INNER_NAME = re.compile(r" for '\$.*")  # of a variable that nobody wrote
+PLACE = re.compile(r'File ".+", line (\d+)')
+#: What a term takes: s, rad, rad/s, A, V and its parameters.
+ARGUMENTS = ("t", "theta", "omega", "current", "voltage", "p")
+STATE_ARGUMENTS = (*ARGUMENTS, "state", "rate")
 
 
 class Terms(NamedTuple):
@@ -56,17 +63,57 @@ def compile_term(where: str, function: Callable[..., float], stateful: bool) -> 
     """The function as machine code with a C interface; keep it as long as its address is used.
 
     Raises:
-        OptionError: numba cannot compile it.
+        OptionError: other arguments, an exception or output of its own, or numba cannot compile it.
     """
+    arguments = STATE_ARGUMENTS if stateful else ARGUMENTS
+    form = f"{getattr(function, '__name__', 'a term')}({', '.join(arguments)})"
+    code = code_of(function)
+    if code is not None:
+        given = code.co_varnames[: code.co_argcount]
+        if len(given) != len(arguments):
+            raise OptionError(where, form, f"{code.co_name}({', '.join(given)})")
+        # Machine code called by its address has nobody to raise to: it goes on with a torque of 0,
+        # and what it prints may wait for a lock for ever.
+        if (told := _speaking(code)) is not None:
+            raise OptionError(where, f"{form} without raise, assert and print", told)
     signature = TERM_WITH_STATES if stateful else TERM
     try:
         return cfunc(signature, function)
     except (NumbaError, TypeError) as error:
-        lines = [line.strip() for line in COLOURS.sub("", str(error)).splitlines()]
-        reason = next((s for s in lines if s and not s.startswith(PREAMBLE)), "none")
-        raise OptionError(
-            where, f"a function that numba compiles as {signature}", reason
-        ) from error
+        expected = f"a function that numba compiles, {form} with p[0] for the first parameter"
+        raise OptionError(where, expected, _told_by_numba(str(error))) from error
+
+
+def code_of(function: Callable[..., float]) -> CodeType | None:
+    """The bytecode of a term; None of what is no plain Python function, compiled by numba or not."""
+    found: CodeType | None = getattr(getattr(function, "py_func", function), "__code__", None)
+    return found
+
+
+def _speaking(code: CodeType) -> str | None:
+    """What in a term raises or prints, with its line."""
+    for instruction in dis.get_instructions(code):
+        line = instruction.positions.lineno if instruction.positions else None
+        if instruction.opname == "RAISE_VARARGS":
+            return f"one that raises (line {line})"
+        if instruction.opname == "LOAD_GLOBAL" and instruction.argval == "print":
+            return f"one that prints (line {line})"
+    return None
+
+
+def _told_by_numba(text: str) -> str:
+    """Of numba's page, the line that says what is wrong, and the line of the file."""
+    plain = COLOURS.sub("", text)
+    lines = [line.strip() for line in plain.splitlines()]
+    lines = [s for s in lines if s and not s.startswith(PREAMBLE)]
+    reason = next(iter(lines), "none")
+    if reason.endswith(":"):
+        reason += next((s.removeprefix(">>>") for s in lines if s.startswith(">>>")), "")
+    reason = INNER_NAME.sub("", reason)
+    if reason.startswith("No conversion from none"):
+        reason += ": it returns nothing"
+    place = PLACE.search(plain)
+    return reason + (f" (line {place[1]})" if place else "")
 
 
 def _caller(pointers: int) -> Any:

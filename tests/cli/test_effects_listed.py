@@ -9,6 +9,7 @@ import pytest
 from ldt_core.cli import invoke
 from ldt_core.cli.effects import command
 from ldt_core.effects import EFFECTS
+from ldt_core.machine.machine_file import load_machine
 
 HEAD = """
 import math
@@ -99,7 +100,19 @@ def test_an_effect_that_keeps_its_promises_is_told_so(mine, capsys):
             "MINE = effect(on_parameters=lambda v, c: {})",
             "parameters, m among them",
         ),
-        ("MINE = effect(torque=lambda t, a, w, i, u, p: -p[0], needs=('Jay',))", "Jay"),
+        (
+            "MINE = effect(torque=lambda t, a, w, i, u, p: -p[0], needs=('Jay',))",
+            "needs Jay of a machine, which rotor and dc_motor lack; --machine",
+        ),
+        (
+            "MINE = effect(torque=lambda w, p: -p[0] * w)",
+            "(t, theta, omega, current, voltage, p), got <lambda>(w, p)",
+        ),
+        (
+            "MINE = effect(torque=lambda t, a, w, i, u, p: p['c'] * w)",
+            "found for signature: getitem(float64*, Literal[str](c)) (line ",
+        ),
+        ("MINE = effect(torque=lambda t, a, w, i, u, p: print(w) or -p[0])", "one that prints"),
         ("MINE = effect(equation='', torque=lambda t, a, w, i, u, p: -p[0])", "no equation"),
         ("MINE = effect(typical={}, torque=lambda t, a, w, i, u, p: -p[0])", "typical values"),
         ("MINE = effect()", "one function among"),
@@ -115,3 +128,47 @@ def test_an_effect_that_does_not_is_told_in_a_sentence(mine, capsys, text, words
     assert words in shown.err
     assert shown.err.count("\n") == 1
     assert shown.out == ""
+
+
+@pytest.mark.parametrize("body", ["raise ValueError('no')", "assert w < 5"])
+def test_an_effect_that_raises_is_refused(mine, capsys, body):
+    """Machine code has nobody to raise to: it went on with a torque of 0, and passed the check."""
+    text = f"def torque(t, a, w, i, u, p):\n    if w > 5:\n        {body}\n    return -p[0] * w\n"
+    assert invoke(command, [mine(text + "MINE = effect(torque=torque)")]) == 2
+    assert "without raise, assert and print, got one that raises (line " in capsys.readouterr().err
+
+
+def test_an_effect_that_needs_a_parameter_of_an_own_physics_is_checked_on_its_machine(
+    mine, capsys, tmp_path
+):
+    """The machines that ship with LDT have no such parameter: it could not be checked at all."""
+    (tmp_path / "geared.py").write_text(
+        "from ldt_core.physics.motor import Motor\n"
+        "from ldt_core.physics.parameter import Parameter\n"
+        "class Geared(Motor):\n"
+        "    name = 'geared'\n"
+        "    parameters = (*Motor.parameters, Parameter('ratio', '', 0.0, open_low=True,\n"
+        "                                               description='turns of the motor'))\n"
+        "GEARED = Geared()\n"
+    )
+    record = {**load_machine("dc_motor").as_dict(), "physics": f"{tmp_path / 'geared.py'}:GEARED"}
+    record["parameters"]["ratio"] = 4.0
+    for effects in ([], [{"name": "quadratic_drag", "parameters": {"c": 1e-6}}]):
+        (tmp_path / "geared.yaml").write_text(json.dumps({**record, "effects": effects}))
+        law = "lambda t, a, w, i, u, p: -p[0] * math.tanh(w / p[1])"
+        name = mine(f"MINE = effect(torque={law}, needs=('ratio',))")
+        assert invoke(command, [name, "--machine", str(tmp_path / "geared.yaml")]) == 0
+        assert "a quarter of the step" in capsys.readouterr().out
+
+
+def test_a_name_that_is_taken_is_told(mine, capsys):
+    """The check passed, and `ldt diagnose` refused the effect."""
+    law = "lambda t, a, w, i, u, p: -p[0] * math.tanh(w)"
+    assert invoke(command, [mine(f"MINE = effect(name='inertia', torque={law})")]) == 2
+    assert "a name that no other has, got 'inertia'" in capsys.readouterr().err
+
+
+def test_a_machine_without_an_effect_is_refused(capsys):
+    """The list is of all effects, whatever the machine."""
+    assert invoke(command, ["--machine", "rotor"]) == 2
+    assert "--machine: expected an EFFECT to check on it, got none" in capsys.readouterr().err

@@ -16,7 +16,7 @@ from scipy.linalg import expm
 
 from ldt_core.base.errors import BadInput, OptionError
 from ldt_core.checks import check_effect
-from ldt_core.effects import EFFECTS, parse_effect
+from ldt_core.effects import EFFECTS, get_effect, parse_effect
 from ldt_core.effects.drive import COPPER
 from ldt_core.effects.friction import STICK_SPEED
 from ldt_core.machine.machine_file import load_machine
@@ -425,6 +425,34 @@ def test_a_function_that_cannot_be_compiled_is_refused_with_a_sentence():
     effect = Effect("odd", "odd", "odd", (Parameter("c", "", default=0.0),), torque=torque)
     with pytest.raises(OptionError, match="effect odd: expected a function that numba compiles"):
         free_run(ROTOR, held(5, 1), (effect, {"c": 0.0}))
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "said"),
+    [
+        ("mine", "their_effect:MIEN", "of the package their: expected their_effect:MIEN that can"),
+        ("mine", "their_efect:MINE", "got ModuleNotFoundError: No module named 'their_efect'"),
+        ("other", "their_effect:MINE", "an entry point of the effect's own name, 'mine'"),
+        ("mine", "their_effect:Effect", "an object of class Effect"),
+    ],
+)
+def test_a_wrong_entry_point_is_told_in_a_sentence(name, value, said, tmp_path, monkeypatch):
+    """It was a traceback in every diagnosis, or an effect that no diagnosis could be read with."""
+    (tmp_path / "their_effect.py").write_text(
+        "from ldt_core.physics.effect import Effect\n"
+        "from ldt_core.physics.parameter import Parameter\n"
+        "MINE = Effect('mine', 'drag', '-c omega', (Parameter('c', '', 0.0, default=0.0),), "
+        "torque=lambda t, a, w, i, u, p: -p[0] * w)\n"
+    )
+    about = tmp_path / "their-1.0.dist-info"
+    about.mkdir()
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: their\nVersion: 1.0\n")
+    (about / "entry_points.txt").write_text(f"[ldt.effect]\n{name} = {value}\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    with pytest.raises(OptionError, match=re.escape(said)):
+        get_effect(name)
+    with pytest.raises(OptionError, match=re.escape(said)):
+        load_machine("dc_motor").possible_effects()
 
 
 @pytest.mark.parametrize(

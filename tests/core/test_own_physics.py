@@ -100,10 +100,11 @@ def test_an_engine_that_remembers_is_noticed(tmp_path):
     """Its second run differs from the first."""
     text = """
 from ldt_core.physics.motor import Motor
+from ldt_core.physics.parameter import Parameter
 from ldt_core.physics.simulator import Simulator
 class Fan(Simulator):
     name = "fan"
-    parameters = (*Motor.parameters, Motor.parameters[0].__class__("J_fan", "", 0.0, description="x"))
+    parameters = (*Motor.parameters, Parameter("J_fan", "kg m^2", 0.0, description="unused"))
     seen = 0
     def advance(self, values, state, voltage, torque, duration):
         self.seen += 1
