@@ -8,6 +8,7 @@ from collections.abc import Iterable, Sequence
 Span = tuple[int, int]  # first and last of whole numbers without a gap
 
 MOST_COUNTED = 1e15  # whole numbers that a float tells apart
+MOST_PLACES = 6  # behind the point; more zeros are miscounted
 
 
 def number(value: float, digits: int = 3) -> str:
@@ -15,15 +16,17 @@ def number(value: float, digits: int = 3) -> str:
 
     >>> number(0.12345), number(1234.5), number(-0.0), number(float("inf")), number(2e300)
     ('0.123', '1234', '0', '∞', '2e+300')
+    >>> number(0.000161), number(4.6e-6)
+    ('0.000161', '4.6e-06')
     """
     if not math.isfinite(value):
         return "∞" if value > 0 else "−∞" if value < 0 else "unknown"
     if value == 0:
         return "0"
-    if abs(value) >= MOST_COUNTED:
-        return f"{value:.{digits}g}"
     places = max(0, digits - 1 - math.floor(math.log10(abs(value))))
-    return f"{value:.{min(places, 6)}f}"
+    if abs(value) >= MOST_COUNTED or places > MOST_PLACES:
+        return f"{value:.{digits}g}"
+    return f"{value:.{places}f}"
 
 
 def plain(value: float, digits: int = 3) -> str:

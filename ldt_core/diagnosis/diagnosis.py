@@ -16,7 +16,7 @@ from ldt_core.base.arrays import Array
 from ldt_core.base.bounded_file import read_bounded
 from ldt_core.base.errors import BadInput, ExperimentError, OptionError, described, did_you_mean
 from ldt_core.base.experiment import Experiment
-from ldt_core.effects import EFFECTS, get_effect
+from ldt_core.effects import EFFECTS, get_effect, known_effect
 from ldt_core.machine.machine_file import Machine
 from ldt_core.physics.effect import Effect
 
@@ -296,7 +296,7 @@ def used_effects(
     for name, parameters in entries:
         known = [*EFFECTS.names(), *given]
         if name not in known:
-            raise BadInput(f"{file}, effect", did_you_mean(name, known), repr(name))
+            raise BadInput(f"{file}, effect", known_effect(name, given), repr(name))
         effect = given.get(name) or get_effect(name)
         if name in [e.name for e, _ in acting]:
             raise BadInput(f"{file}, effect {name}", "one entry an effect", "two")

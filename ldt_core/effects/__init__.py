@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING
 
-from ldt_core.base.errors import OptionError, did_you_mean
+from ldt_core.base.errors import OptionError, did_you_mean, most_alike
 from ldt_core.base.registry import Registry
 
 if TYPE_CHECKING:
@@ -58,6 +58,13 @@ EFFECTS = Registry(
     },
     "ldt.effect",
 )
+
+
+def known_effect(name: object, more: Iterable[str] = ()) -> str:
+    """What a file must name an effect as, which names no Python file: for `expected`."""
+    close = most_alike(str(name), [*EFFECTS.names(), *more])
+    told = f" (did you mean {close!r}?)" if close else ""
+    return f"a name from `ldt effects`{told}; yours is there once installed (ldt docs effect)"
 
 
 def get_effect(name: str) -> Effect:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ldt_core.base.errors import MachineFileError, OptionError, described, did_you_mean
-from ldt_core.effects import EFFECTS, get_effect
+from ldt_core.effects import EFFECTS, get_effect, known_effect
 from ldt_core.physics.parameter import LARGEST, SMALLEST, Parameter, own_name
 
 if TYPE_CHECKING:
@@ -117,9 +117,7 @@ def stated_effects(
         check_keys(at, section, ("name", "parameters"), ())
         name = section["name"]
         if not isinstance(name, str) or name not in EFFECTS.names():
-            raise MachineFileError(
-                f"{at}, name", did_you_mean(str(name), EFFECTS.names()), repr(name)
-            )
+            raise MachineFileError(f"{at}, name", known_effect(name), repr(name))
         at, effect = f"{where}, {name}", get_effect(name)
         if name in [e.name for e in effects]:
             raise MachineFileError(at, "one entry an effect", "two")

@@ -85,7 +85,7 @@ def compile_term(where: str, function: Callable[..., float], stateful: bool) -> 
 
 
 def code_of(function: Callable[..., float]) -> CodeType | None:
-    """The bytecode of a term; None of what is no plain Python function, compiled by numba or not."""
+    """The bytecode of a term, compiled by numba or not; None of what is no Python function."""
     found: CodeType | None = getattr(getattr(function, "py_func", function), "__code__", None)
     return found
 

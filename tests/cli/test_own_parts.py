@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import json
 import re
+import tomllib
+from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from ldt_core import docs
+from ldt_core.base import registry
 from ldt_core.base.registry import Registry
 from ldt_core.checks import check_detector
 from ldt_core.cli import effects, invoke, ldt, simulate
 from ldt_core.effects import parse_effect
-from ldt_core.machine.machine_file import load_machine
+from ldt_core.machine.machine_file import Machine, load_machine
 from ldt_core.recording.bag import read_bag
 
 PAGES = docs.text("detector") + docs.text("effect")
@@ -69,6 +72,20 @@ def test_the_page_s_effect_is_checked_and_acts(tmp_path, monkeypatch, capsys):
     dragged = machine.model.simulate(*about, [(effect, given)])[:, 1]
     np.testing.assert_allclose(experiment.speed, dragged, atol=1e-9)
     assert np.abs(experiment.speed - machine.model.simulate(*about)[:, 1]).max() > 0.1
+
+
+def test_the_page_s_effect_is_installed_as_it_says(tmp_path, monkeypatch):
+    """Its entry point makes it an effect that a machine file names, and that a twin tries."""
+    written("cubic_drag.py", tmp_path, monkeypatch)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    (block,) = re.findall(r"```toml\n(.*?)```", PAGES, re.S)
+    (entry,) = tomllib.loads(block)["project"]["entry-points"]["ldt.effect"].items()
+    point = EntryPoint(*entry, "ldt.effect")
+    monkeypatch.setattr(registry, "entry_points", lambda group: [point])
+    known = [{"name": "cubic_drag", "parameters": {"c": 1e-6}}]
+    machine = Machine({**load_machine("dc_motor").as_dict(), "effects": known})
+    assert machine.acting == ("cubic_drag",)
+    assert "cubic_drag" in [effect.name for effect in machine.possible_effects()]
 
 
 def test_what_a_part_prints_is_not_among_the_results(tmp_path, monkeypatch, capsys):

@@ -502,6 +502,16 @@ def test_a_unit_that_explains_the_gap_is_mended_before_anything_is_added():
     assert command.startswith("ldt import TABLE --speed NAME:UNIT")
 
 
+def test_an_effect_of_a_file_is_installed_before_it_is_added():
+    """`ldt calibrate --with` cannot add it to a machine file, which names no Python file."""
+    found = fake_diagnosis("effect")
+    named = replace(found, verdict=replace(found.verdict, effects=["cubic_drag"]))
+    assert next_step(found, Path("diagnosis.json"))[0] == "add what was found to the machine file"
+    words, command = next_step(named, Path("diagnosis.json"))
+    assert words.startswith("install cubic_drag (ldt docs effect) and add")
+    assert "--with diagnosis.json" in command
+
+
 def test_where_no_experiment_tells_causes_apart_the_first_is_added():
     """A winding and its supply: there was no next step at all."""
     found = replace(fake_diagnosis("ambiguous"), next_experiment=None)

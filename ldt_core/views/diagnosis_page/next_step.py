@@ -6,8 +6,10 @@ from pathlib import Path
 
 import msgs_config
 from ldt_core.base.printable import as_argument
+from ldt_core.base.sentences import listed
 from ldt_core.diagnosis.diagnosis import Diagnosis
 from ldt_core.diagnosis.recorded_units import FITS
+from ldt_core.effects import EFFECTS
 from ldt_core.views.diagnosis_page.headline import no_effect_needed
 
 
@@ -27,8 +29,10 @@ def next_step(diagnosis: Diagnosis, kept: Path) -> tuple[str, str]:
         return "unless the speed's unit and sign are right, import again", again
     if diagnosis.verdict.kind == "ambiguous" and diagnosis.next_experiment is None:
         return "as no experiment tells them apart, add the first of them to the file", fitted
+    own = [name for name in diagnosis.verdict.effects if name not in EFFECTS.names()]
+    first = f"install {listed(own)} (ldt docs effect) and " if own else ""
     return {
-        "effect": ("add what was found to the machine file", fitted),
+        "effect": (f"{first}add what was found to the machine file", fitted),
         "unknown": (
             (
                 "as the gap differs between experiments, let a twin find what changed, and when",
