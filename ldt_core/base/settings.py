@@ -74,14 +74,14 @@ def check(name: str, value: Any, declaration: Mapping[str, Any]) -> Any:
     if kind == "string_array":
         many = isinstance(value, Iterable) and not isinstance(value, str | Mapping)
         if not many or not all(isinstance(v, str) for v in value):
-            raise OptionError(name, "a list of words", repr(value))
+            raise OptionError(name, "a list of words", described(value))
         value = list(value)
     elif kind == "string":
         if not isinstance(value, str):
-            raise OptionError(name, "a word", repr(value))
+            raise OptionError(name, "a word", described(value))
     elif kind == "bool":
         if not isinstance(value, bool):
-            raise OptionError(name, "true or false", repr(value))
+            raise OptionError(name, "true or false", described(value))
     else:
         value = _number(name, value, kind)
         low, high = declaration.get("range", (-math.inf, math.inf))

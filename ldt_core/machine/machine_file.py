@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import functools
 import os
 from collections.abc import Mapping, Sequence
@@ -115,6 +116,12 @@ class Machine:
             fields = vars(_machine_of(*file, **fields))
         optional = {"simulation": {}, "calibration": {}, "source": "machine"}
         optional |= {"deviations": {}, "acting": ()}
+        known = {f.name for f in dataclasses.fields(self)}
+        lacking = known.difference(optional, fields)
+        if lacking or not fields.keys() <= known:
+            expected = "Machine({...}) with the keys of a machine file, or every field"
+            got = f"no {', '.join(sorted(lacking))}" if lacking else f"{sorted({*fields} - known)}"
+            raise ArgumentTypeError("machine", expected, got)
         vars(self).update({**optional, **fields})
 
     def __repr__(self) -> str:

@@ -10,6 +10,7 @@ from typing import Any, ClassVar, Self
 
 from ldt_core.base.errors import ModelError, reason_of
 from ldt_core.base.experiment import DiagnosisRecord, Experiment, ModelRecord, Prediction
+from ldt_core.base.sentences import counted
 from ldt_core.machine.machine_file import Machine
 
 
@@ -112,6 +113,15 @@ class Model(abc.ABC):
         """This model as a later version, for a return to it."""
         return type(self)(self.machine, self.parameters, version, self.trained_on, **self.options)
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickled and copied by what makes it: what `build` adds may hold compiled code."""
+        made = type(self), self.machine, self.parameters, self.version, self.trained_on
+        return _built, (*made, self.options)
+
+    def __repr__(self) -> str:
+        learned = counted(len(self.trained_on), "experiment")
+        return f"{type(self).__name__}({self.machine.name!r}, version {self.version}, {learned})"
+
     def record(self) -> ModelRecord:
         """The model as it is sent and stored."""
         return ModelRecord(self.version, self.kind, self.trained_on, self.parameters)
@@ -134,6 +144,17 @@ class Model(abc.ABC):
         except Exception as error:  # what comes from outside can break `build` in any way
             where, expected = f"model version {record.version}", f"parameters of a {cls.kind} model"
             raise ModelError(where, expected, reason_of(error)) from error
+
+
+def _built(
+    kind: type[Model],
+    machine: Machine,
+    parameters: Mapping[str, Any],
+    version: int,
+    trained_on: Sequence[int],
+    options: Mapping[str, Any],
+) -> Model:
+    return kind(machine, parameters, version, trained_on, **options)
 
 
 def _refuse_non_finite(value: Any) -> None:

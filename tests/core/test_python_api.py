@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import html
 import json
 import os
+import pickle
 import re
 import subprocess
 import sys
@@ -409,3 +411,29 @@ def test_types_hold_in_a_user_s_script(tmp_path):
     )
     lines = {int(m) for m in re.findall(r"script\.py:(\d+): error", done.stdout)}
     assert lines == {9, 10, 11}, done.stdout
+
+
+@pytest.mark.parametrize("model", ["linear", "hybrid", "grey_box", "remainder"])
+def test_a_learned_model_is_kept_by_pickle(model, worn):
+    """What compiled code a model holds could not be pickled, nor copied."""
+    learned = ldt.run(worn[:3], "dc_motor", model=model, detector="threshold", threshold=0.5)
+    kept = learned.twin.model
+    assert kept.version > 0
+    for again in (pickle.loads(pickle.dumps(kept)), copy.deepcopy(kept)):
+        assert again.predict(worn[4]).speed.tobytes() == kept.predict(worn[4]).speed.tobytes()
+        assert (again.record(), repr(again)) == (kept.record(), repr(kept))
+    assert ldt.Twin("dc_motor", model=again).model.version == kept.version
+
+
+@pytest.mark.parametrize(
+    ("fields", "said"),
+    [
+        ({"name": "x", "physics": "dc_motor"}, "got no duration, parameters"),
+        ({**vars(ldt.Machine("dc_motor")), "limits": [-1, 1]}, "got ['limits']"),
+    ],
+)
+def test_a_machine_of_other_fields_is_refused(fields, said):
+    """It was made, and failed at the first look at it."""
+    with pytest.raises(ldt.BadInput, match="keys of a machine file") as told:
+        ldt.Machine(**fields)
+    assert said in str(told.value)
