@@ -13,7 +13,7 @@ import importlib
 import importlib.util
 import sys
 import traceback
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from importlib import metadata
 from pathlib import Path
 from types import ModuleType
@@ -22,6 +22,7 @@ from typing import Any
 from ldt_core.base.errors import FAULTS, OptionError, did_you_mean, reason_of
 
 FILES_REMEMBERED = 64  # more than a user has of plug-ins
+_own_files: set[str] = set()  # that were loaded
 
 
 def entry_points(group: str) -> metadata.EntryPoints:
@@ -73,7 +74,9 @@ class Registry:
         for entry in entry_points(self.group):
             if entry.name == name:
                 try:
-                    return entry.load()
+                    found = entry.load()
+                    _own_files.add(str(getattr(sys.modules.get(entry.module), "__file__", "")))
+                    return found
                 except FAULTS as error:  # whatever that package does
                     package = entry.dist.name if entry.dist else "another package"
                     where = f"{self.what} {name} of the package {package}"
@@ -104,13 +107,35 @@ def _module(path: str, _place: str, _text: bytes) -> ModuleType:
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
+    _own_files.add(str(Path(path).absolute()))
+    folder = str(Path(path).absolute().parent)
     try:
-        with contextlib.chdir("."):  # which a file may leave; results are written there
+        # A file may leave the folder that results are written to. It finds its neighbours, but only
+        # behind all that is installed.
+        with contextlib.chdir("."), _also_in(folder):
             spec.loader.exec_module(module)
     except FAULTS as error:  # whatever the user's file does
         expected = "a Python file that can be imported"
         raise OptionError(path, expected, reason_of(error) + line_in(path, error)) from error
     return module
+
+
+@contextlib.contextmanager
+def _also_in(folder: str) -> Iterator[None]:
+    """Modules are found in this folder, too."""
+    sys.path.append(folder)
+    try:
+        yield
+    finally:
+        with contextlib.suppress(ValueError):  # what runs meanwhile may change the path
+            sys.path.remove(folder)
+
+
+def own_place(error: BaseException) -> str:
+    """Where in a user's part an error came up, as "file.py, line 6"; "" where in none."""
+    frames = traceback.extract_tb(error.__traceback__)
+    places = [f for f in frames if str(Path(f.filename).absolute()) in _own_files]
+    return f"{places[-1].filename}, line {places[-1].lineno}" if places else ""
 
 
 def line_in(path: str, error: BaseException) -> str:

@@ -18,7 +18,7 @@ from click.shell_completion import CompletionItem
 from ldt_core.base import first_compilation
 from ldt_core.base.errors import LdtError, reason_of
 from ldt_core.base.own_process import kept_alive
-from ldt_core.base.registry import entry_points
+from ldt_core.base.registry import entry_points, own_place
 from ldt_core.base.stopping import EXIT_CODE, Interrupted, interrupted_by_signals
 from ldt_core.cli.completion import VARIABLE, register
 from ldt_core.cli.spelling import SuggestingGroup, missing, nameless, unknown_option, unusable
@@ -143,7 +143,7 @@ def invoke(command: click.Command, arguments: list[str] | None = None) -> int:
         return _say(f"out of memory ({error or 'no more is to be had'})", 1)
     except RuntimeError as error:
         if str(error) != NO_THREAD:
-            raise
+            return _unexpected(error)
         return _say(f"{error}: memory or the number of processes is at its limit", 1)
     except ImportError as error:  # of what is installed, or there is no memory to load it
         return _say(f"a library cannot be loaded: {error}{_shadowed(error)}", 1)
@@ -151,12 +151,21 @@ def invoke(command: click.Command, arguments: list[str] | None = None) -> int:
         place = str(error.filename or _nameless())[:LONGEST_PLACE]
         code = 2 if error.errno in UNNAMEABLE else 1
         return _say(f"{place}: {error.strerror or error}", code)
+    except Exception as error:
+        return _unexpected(error)
     except BaseException as error:
         # Click ends so a shell's question for names, and where a reader has left.
-        if isinstance(error, Exception | KeyboardInterrupt) or _raised_in(error) == CLICK:
+        if isinstance(error, KeyboardInterrupt) or _raised_in(error) == CLICK:
             raise
         did = "would end the program" if isinstance(error, SystemExit) else NO_EXCEPTION
         return _say(f"a part of your own {did}: {reason_of(error)}", 1)
+
+
+def _unexpected(error: Exception) -> int:
+    """A sentence where a part of the user's own raised it; else it is a mistake of ours."""
+    if place := own_place(error):
+        return _say(f"{place}: {reason_of(error)}", 2)
+    raise error
 
 
 def _raised_in(error: BaseException) -> str:

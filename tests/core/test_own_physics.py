@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import json
 import re
+import sys
 from pathlib import Path
 
 import pytest
 
 from ldt_core.base.errors import MachineFileError
 from ldt_core.checks import check_physics
+from ldt_core.cli import invoke, ldt
 from ldt_core.machine.machine_file import Machine
 from ldt_core.physics import PHYSICS
 
@@ -113,3 +116,27 @@ FAN = Fan()
 """
     with pytest.raises(AssertionError, match="two runs differ"):
         check_physics(fan(tmp_path, text))
+
+
+def test_a_mistake_that_comes_up_in_a_fit_is_told_with_its_place(tmp_path, capsys):
+    """At values that only a fit comes by: a traceback through all of LDT."""
+    felt = "    def felt(self, v):\n"
+    machine = fan(tmp_path, FAN.replace(felt, felt + "        1 / (v['J_fan'] < 8e-4)\n"))
+    (tmp_path / "fan.yaml").write_text(json.dumps(machine.as_dict()))
+    bag, file, out = (str(tmp_path / name) for name in ("bag", "fan.yaml", "out.yaml"))
+    given = ["--machine", file, "--experiments", "2", "--effect", "inertia:factor=4", "--out", bag]
+    assert invoke(ldt, ["simulate", *given]) == 0
+    capsys.readouterr()
+    assert invoke(ldt, ["calibrate", bag, "--machine", file, "--free", "J_fan", "--out", out]) == 2
+    told = capsys.readouterr().err
+    assert f"ldt: {tmp_path / 'fan.py'}, line 8: ZeroDivisionError: division by zero\n" in told
+    assert "Traceback" not in told
+
+
+def test_a_file_finds_its_neighbours(tmp_path):
+    """One physics builds on another beside it; the command's folder is not where Python looks."""
+    (tmp_path / "beside_fan.py").write_text("NAME = 'blower'\n")
+    before = list(sys.path)
+    text = "from beside_fan import NAME\n" + FAN.replace('name = "fan"', "name = NAME")
+    assert fan(tmp_path, text).model.name == "blower"
+    assert sys.path == before
