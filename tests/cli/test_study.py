@@ -16,6 +16,7 @@ import pytest
 from ldt_core.cli import invoke, ldt
 from ldt_core.lab.study import engine, study_page
 from ldt_core.lab.study.study import Study
+from ldt_core.machine.machine_file import load_machine
 
 COLUMNS = "model,detector,seed,mme,mme_original,adaptations,precision,recall"
 
@@ -158,10 +159,14 @@ def test_quick_is_for_trying_out(monkeypatch, tmp_path, quick_page, given, seeds
         ("--jobs -1", "--jobs"),
         ("--machine roter", "roter"),
         ("--quick --scheduler nonsense", "nonsense"),
+        ("--quick --machine still.yaml", "still.yaml, simulation.degradation: expected effect"),
     ],
 )
-def test_bad_input_is_one_sentence(tmp_path, capsys, arguments, words):
+def test_bad_input_is_one_sentence(tmp_path, monkeypatch, capsys, arguments, words):
     """Exit code 2, and nothing is written."""
+    monkeypatch.chdir(tmp_path)
+    still = {k: v for k, v in load_machine("dc_motor").as_dict().items() if k != "simulation"}
+    Path("still.yaml").write_text(json.dumps(still))
     out = tmp_path / "out"
     assert invoke(ldt, ["study", "--out", str(out), *arguments.split()]) == 2
     said = capsys.readouterr().err

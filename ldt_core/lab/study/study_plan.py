@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
+from ldt_core.base.errors import MachineFileError
 from ldt_core.base.settings import preset
 from ldt_core.lab.study import GROUPS, NAMED_ONLY
 from ldt_core.lab.study.baselines import baseline_cases
@@ -157,8 +158,16 @@ class StudyPlan:
 
     @functools.cached_property
     def _cause(self) -> dict[str, str]:
-        """What the diagnosed model is told: the kind of the wear, not its size or when it grows."""
-        return {"cause": self._wear["effect"]} if "effect" in self._wear else {}
+        """What the diagnosed model is told: the kind of the wear, not its size or when it grows.
+
+        Raises:
+            MachineFileError: the file does not say what wears.
+        """
+        if "effect" not in self._wear:
+            where = f"{load_machine(self.machine).source}, simulation.degradation"
+            expected = "effect, parameter and to: what wears in a study (ldt docs machine)"
+            raise MachineFileError(where, expected, "none")
+        return {"cause": self._wear["effect"]}
 
     @property
     def _wear(self) -> Mapping[str, Any]:
