@@ -19,7 +19,7 @@ from ldt_core.physics.effect import Effect
 from ldt_core.physics.integrate import MAX_STEP_RATE
 from ldt_core.physics.lanes import WIDTH
 from ldt_core.physics.motor_driven import MotorDriven
-from ldt_core.physics.parameter import Parameter, Values
+from ldt_core.physics.parameter import Parameter, Values, logarithmic
 
 # rad/s, for a neutral effect: an effect on the equations takes the integrator where the machine
 # alone may be solved exactly, and the two agree to 1e-7 here.
@@ -31,6 +31,7 @@ LEAST_CHANGE = 1e-3  # rad/s: values that change the speed less on every machine
 ECCENTRICITY = 0.004  # m; enough that an effect on the foundation can be seen
 DURATION = 6.0  # s, of a trial run
 SIDE_BY_SIDE_TOLERANCE = 1e-6  # rad/s, between a run beside others and alone: rounding
+FAR_OFF = 30  # between a typical value and the scale; a search tries a tenth to 70 scales
 BEYOND = 8  # numbers behind the parameters that a term must not read
 # (t [s], theta [rad], omega [rad/s], current [A], voltage [V]) at which a term is called by itself.
 PLACES = ((0.0, 0.0, 0.0, 0.0, 0.0), (1.5, 2.0, 30.0, 3.0, 10.0), (0.5, -4.0, -9.0, -2.0, -6.0))
@@ -135,6 +136,14 @@ def _check_bounds(effect: Effect) -> None:
             except OptionError:
                 continue
             raise AssertionError(f"{effect.name}: {parameter.name} = {value:g} is not refused")
+        far = abs(effect.typical.get(parameter.name, 0.0) - (parameter.default or 0.0))
+        scale = parameter.scale
+        if far == 0 or scale is None or logarithmic(parameter):
+            continue
+        assert scale / FAR_OFF <= far <= scale * FAR_OFF, (
+            f"{effect.name}, {parameter.name}: its typical value is {far:g} from neutral and its "
+            f"scale {scale:g}; a search begins at the scale"
+        )
 
 
 def _outside(parameter: Parameter) -> list[float]:

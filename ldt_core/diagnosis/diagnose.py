@@ -28,7 +28,7 @@ from ldt_core.machine.direction_check import swapped
 from ldt_core.machine.machine_file import Machine
 from ldt_core.machine.sensor_check import sound
 from ldt_core.physics.effect import Effect
-from ldt_core.physics.machine_sizes import machine_scales, most_of
+from ldt_core.physics.machine_sizes import machine_scales, most_of, sizes_of
 
 NO_VOLTAGE = 1e-9  # of the machine's limit: it has no sizes to look for effects in, as at 0 V
 
@@ -76,7 +76,9 @@ def diagnose(
     largest = most_of(machine.parameters, most)
     prior = nominal_prior(machine, refit, recordings)
     candidates = [
-        Candidate(machine.effect(e.name) if e.name in machine.acting else e, largest, sizes)
+        Candidate(
+            machine.effect(e.name) if e.name in machine.acting else e, largest, sizes_of(e, sizes)
+        )
         for e in (library(machine) if effects is None else effects)
         if prior is None or e.name not in prior.swallowed
     ]

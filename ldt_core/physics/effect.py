@@ -67,7 +67,8 @@ class Effect:
         description: one line for people.
         equation: what it changes, as a formula.
         parameters: with unit and physical bounds, signs included. Defaults together are neutral: an
-            effect with its default values changes nothing.
+            effect with its default values changes nothing. One without a scale has that of its
+            typical value. Library scales are the worked case's, others those of the user's machine.
         typical: values of an effect that is plainly there; what the bare name means on a command
             line. Parameters that are left out have their default.
         on_parameters: (values, **p) -> values: other parameters of the machine.
@@ -135,6 +136,14 @@ class Effect:
             if parameter.default is None or not parameter.accepts(parameter.default):
                 raise OptionError(f"{where}, {parameter.name}", "a default", parameter.default)
         self.check(self.typical)
+        object.__setattr__(self, "parameters", tuple(map(self._scaled, self.parameters)))
+
+    def _scaled(self, parameter: Parameter) -> Parameter:
+        """With a scale: a search that began at 1 would miss a drag of 1e-9, and say nothing."""
+        far = abs(self.typical.get(parameter.name, 0.0) - (parameter.default or 0.0))
+        if parameter.scale is not None or parameter.name not in self.typical or far == 0:
+            return parameter
+        return replace(parameter, scale=far)
 
     @property
     def neutral(self) -> dict[str, float]:

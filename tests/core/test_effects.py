@@ -14,6 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import expm
 
+import ldt_core as ldt
 from ldt_core.base.errors import BadInput, OptionError
 from ldt_core.checks import check_effect
 from ldt_core.effects import EFFECTS, get_effect, parse_effect
@@ -469,3 +470,34 @@ def test_an_effect_is_one_function_and_parameters_with_defaults(wrong):
     """Neither none nor two functions, and no parameter without a neutral value."""
     with pytest.raises(OptionError, match="effect odd"):
         Effect(**{"name": "odd", "description": "", "equation": "", "parameters": (), **wrong})
+
+
+def cube(**more: float) -> Effect:
+    """A drag of one's own that a small motor feels at 1e-10 N m s^3."""
+
+    def torque(t, theta, omega, current, voltage, p):
+        return -p[0] * omega**3
+
+    size = Parameter("c", "N m s^3", 0.0, default=0.0, description="drag", **more)
+    return Effect("cube", "drag", "-c omega^3", (size,), {"c": 1e-10}, torque=torque)
+
+
+def test_an_effect_of_ones_own_is_found_in_the_sizes_of_its_machine():
+    """Its scale was taken for the worked case's: the drag of the square was named in its place."""
+    record = load_machine("dc_motor").as_dict()
+    numbers = {"J": 2e-5, "K_t": 0.02, "R": 2.0, "L": 1e-3, "b": 1e-6}
+    machine = ldt.Machine({**record, "parameters": numbers, "simulation": {}})
+    mine = cube(scale=2e-11)
+    experiments = ldt.simulate(machine, 4, effects={mine: {"c": 2e-11}}, noise=0.1, seed=2)
+    rest = [n for n in EFFECTS.names() if n not in ("quadratic_drag", "viscous_friction")]
+    found = ldt.diagnose(experiments, machine, effects=[mine], without=rest)
+    assert found.verdict.effects == ["cube"]
+
+
+def test_a_scale_that_is_far_from_what_is_typical_is_noticed():
+    """A diagnosis would miss the effect, and name another."""
+    assert cube().parameters[0].scale == 1e-10
+    with pytest.raises(
+        AssertionError, match="its typical value is 1e-10 from neutral and its scale"
+    ):
+        check_effect(cube(scale=1.0))

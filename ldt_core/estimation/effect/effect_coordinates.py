@@ -8,7 +8,7 @@ import numpy as np
 
 from ldt_core.base.arrays import Array
 from ldt_core.physics.effect import Effect
-from ldt_core.physics.machine_sizes import in_own_sizes, machine_scales
+from ldt_core.physics.machine_sizes import in_own_sizes, machine_scales, sizes_of
 from ldt_core.physics.parameter import Values
 
 Use = list[tuple[Effect, dict[str, float]]]
@@ -32,7 +32,11 @@ class EffectCoordinates:
         self.parameters = [p for e in effects for p in e.parameters]
         self._sizes = machine_scales(values, most_voltage)
         self._neutral = np.array([v for e in effects for v in e.neutral.values()])
-        scales = [(p.scale or 1.0) * self._sizes.get(p.unit, 1.0) for p in self.parameters]
+        scales = [
+            (p.scale or 1.0) * sizes_of(e, self._sizes).get(p.unit, 1.0)
+            for e in effects
+            for p in e.parameters
+        ]
         least = [p.least(s) for p, s in zip(self.parameters, scales, strict=True)]
         self.scale = np.array(scales)
         self._least, self._most = np.array(least), np.array([p.high for p in self.parameters])
@@ -55,4 +59,4 @@ class EffectCoordinates:
 
     def sized(self, effect: Effect, given: Mapping[str, float]) -> dict[str, float]:
         """All values of an effect, given in the library's sizes, in the machine's."""
-        return effect.check(in_own_sizes(effect, given, self._sizes))
+        return effect.check(in_own_sizes(effect, given, sizes_of(effect, self._sizes)))
