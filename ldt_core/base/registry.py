@@ -88,7 +88,8 @@ class Registry:
     def _from_file(self, name: str) -> Any:
         path, _, attribute = name.rpartition(":")
         if not Path(path).is_file():
-            raise OptionError(self.what, f"a Python file at {path}", "no such file")
+            expected = f"a Python file at {path}, from the folder that ldt runs in"
+            raise OptionError(self.what, expected, "no such file")
         try:
             text = Path(path).read_bytes()
         except OSError as error:

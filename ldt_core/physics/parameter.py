@@ -6,6 +6,8 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from ldt_core.base.errors import OptionError, described
+
 #: Parameters of a machine or an effect by name, in the units that they declare.
 Values = Mapping[str, float]
 
@@ -31,6 +33,9 @@ class Parameter:
         scale: typical size, for scaling a fit and for a first guess away from 0.
         relative: where it may be 0 but is not, a fit changes it by factors all the same.
         meant: largest size that a person can mean who types it; more is a slip of the unit.
+
+    Raises:
+        OptionError: a name or unit that is no text, or a negative scale.
     """
 
     name: str
@@ -43,6 +48,16 @@ class Parameter:
     scale: float | None = None
     relative: bool = False
     meant: float = math.inf
+
+    def __post_init__(self) -> None:
+        for what, text in (("name", self.name), ("unit", self.unit)):
+            if not isinstance(text, str):  # a bound in the unit's place would be its unit
+                expected = "a text, as in Parameter(name, unit, low, high, ...)"
+                raise OptionError(f"parameter {self.name}, {what}", expected, described(text))
+        if self.scale is not None and not self.scale >= 0:
+            raise OptionError(
+                f"parameter {self.name}, scale", "a size, at least 0", described(self.scale)
+            )
 
     def accepts(self, value: float) -> bool:
         """Whether value is finite and within the bounds."""

@@ -116,6 +116,11 @@ def test_an_effect_that_keeps_its_promises_is_told_so(mine, capsys):
         ("MINE = effect(equation='', torque=lambda t, a, w, i, u, p: -p[0])", "no equation"),
         ("MINE = effect(typical={}, torque=lambda t, a, w, i, u, p: -p[0])", "typical values"),
         ("MINE = effect()", "one function among"),
+        ("C = (Parameter('c', 0.0),)", "parameter c, unit: expected a text, as in Parameter("),
+        (
+            "C = (Parameter('c', '', scale=-1.0),)",
+            "parameter c, scale: expected a size, at least 0",
+        ),
         ("MINE = 3", "an object of class Effect"),
         ("YOURS = 3", "'MINE'"),
     ],
