@@ -10,11 +10,14 @@ import numpy as np
 from ldt_core.base.errors import FAULTS, MachineFileError, OptionError, described, reason_of
 from ldt_core.base.registry import line_in
 from ldt_core.physics import PHYSICS
-from ldt_core.physics.base import Physics
+from ldt_core.physics.base import CURRENT, SPEED, Physics
+from ldt_core.physics.motor import MOTOR, motor_system
 from ldt_core.physics.motor_driven import MotorDriven
 
 if TYPE_CHECKING:
     from ldt_core.physics.parameter import Values
+
+SAME = 1e-6  # relative: far above rounding, far below what a recording shows
 
 
 def named_physics(source: str, given: Any) -> Physics:
@@ -52,7 +55,8 @@ def refuse_faulty(source: str, given: str, physics: Physics, values: Values, mos
         most: largest voltage [V].
 
     Raises:
-        MachineFileError: a function that fails, or gives numbers that are not finite.
+        MachineFileError: a function that fails, gives numbers that are not finite, or describes
+            another machine than `constants`.
     """
     if given in PHYSICS.builtin:
         return
@@ -81,3 +85,28 @@ def refuse_faulty(source: str, given: str, physics: Physics, values: Values, mos
             raise MachineFileError(where, expected, "others behind it")
         if not finite:
             raise MachineFileError(where, "finite numbers", "some that are not")
+    linear = isinstance(physics, MotorDriven) and physics.is_linear(values)
+    if linear and len(physics.states) == len(MOTOR.states):
+        _refuse_two_machines(f"{source}, physics {given}", physics, values, most)
+
+
+def _refuse_two_machines(where: str, physics: MotorDriven, values: Values, most: float) -> None:
+    """Refuse functions that differ: one is used with effects, one without, one to learn from."""
+    c = physics.constants(values)
+    if min(c.inertia, c.resistance, c.torque_constant) <= 0:
+        expected = "an inertia, a resistance and a torque constant above 0"
+        got = f"{c.inertia:.3g}, {c.resistance:.3g} and {c.torque_constant:.3g}"
+        raise MachineFileError(f"{where}, constants", expected, got)
+    motor = {"J": c.inertia, "K_t": c.torque_constant, "R": c.resistance}
+    a, _ = motor_system({**motor, "L": c.inductance, "b": c.friction}, len(MOTOR.states))
+    own = a[np.ix_([CURRENT, SPEED], [CURRENT, SPEED])]
+    for name, told, right in (
+        ("system", physics.system(values)[0], a),
+        ("state_space", physics.state_space(values)[0], own),
+    ):
+        if told.shape != right.shape or not np.allclose(told, right, SAME, SAME):
+            raise MachineFileError(f"{where}, {name}", "the machine of `constants`", "another")
+    rate, fastest = physics.rate(values, most), float(np.abs(np.linalg.eigvals(own)).max())
+    if rate < fastest * (1 - SAME):
+        expected = f"{fastest:.3g} 1/s or more, as of `constants`"
+        raise MachineFileError(f"{where}, rate", expected, f"{rate:.3g}")

@@ -38,6 +38,19 @@ def test_equations_that_differ_are_noticed(monkeypatch):
         check_physics(of(Heavier, monkeypatch))
 
 
+def test_a_state_space_of_another_machine_is_noticed(monkeypatch):
+    """Learned models begin with it."""
+
+    class Lighter(Motor):
+        name = "lighter"
+
+        def state_space(self, values):
+            return super().state_space({**values, "J": values["J"] / 2})
+
+    with pytest.raises(AssertionError, match="`system` and `state_space` tell of different"):
+        check_physics(of(Lighter, monkeypatch))
+
+
 def test_a_rate_that_is_too_low_is_noticed(monkeypatch):
     """It would make the integration step too long."""
 

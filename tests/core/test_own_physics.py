@@ -61,6 +61,7 @@ def fan(folder: Path, text: str = FAN, effects: tuple[dict, ...] = ()) -> Machin
         ('v["J_fan"]}', 'v["Jfan"]}', "got KeyError: 'Jfan' (line 8)"),
         (FELT, '{**v, "J": float("nan")}', "state_space: expected finite numbers"),
         (f"return {FELT}", 'v["J"] += v["J_fan"]; return v', "the parameters left as they are"),
+        (FELT, '{**v, "J": -v["J"]}', "torque constant above 0, got -0.0002, 0.8 and 0.06"),
         ("constants(self, v):", "constants(self):", "constants: expected numbers, got TypeError"),
     ],
 )
@@ -73,20 +74,28 @@ def test_a_mistake_in_an_own_physics_is_told_with_its_place(right, wrong, said, 
     assert "\n" not in str(told.value)
 
 
-def test_a_state_space_of_another_machine_is_noticed(tmp_path):
-    """Learned models begin with it; the check passed without a word."""
-    kept = FAN.replace("def state_space", "def another")
-    with pytest.raises(AssertionError, match="`system` and `state_space` tell of different"):
-        check_physics(fan(tmp_path, kept))
+@pytest.mark.parametrize("forgotten", ["constants", "system", "state_space", "rate"])
+def test_a_function_that_was_forgotten_is_refused(forgotten, tmp_path):
+    """The others tell of a heavier motor: it was simulated as another with effects or without."""
+    felt = "rate(self.felt(v), voltage)" if forgotten == "rate" else f"{forgotten}(self.felt(v))"
+    light = felt.replace("self.felt(v)", '{**v, "J": 2 * v["J"]}')
+    assert felt in FAN
+    with pytest.raises(MachineFileError, match="of `constants`"):
+        fan(tmp_path, FAN.replace(felt, light))
+
+
+def test_an_own_physics_without_an_inductance_is_taken(tmp_path):
+    """What is solved in its place is the same in all functions."""
+    record = fan(tmp_path).as_dict()
+    assert Machine({**record, "parameters": {**record["parameters"], "L": 0.0}}).model.name == "fan"
 
 
 def test_known_effects_leave_the_check_of_the_equations_whole(tmp_path):
     """With an effect in the file, neither `system` nor `rate` was looked at."""
     drag = ({"name": "quadratic_drag", "parameters": {"c": 4e-6}},)
-    assert check_physics(fan(tmp_path, FAN, drag)) == check_physics(fan(tmp_path))
-    wrong = FAN.replace("super().system(self.felt(v))", "super().system(v)")
-    with pytest.raises(AssertionError, match="`system` and `constants`"):
-        check_physics(fan(tmp_path, wrong, drag))
+    checked = check_physics(fan(tmp_path, FAN, drag))
+    assert checked == check_physics(fan(tmp_path))
+    assert "the speeds agree" in " ".join(checked)
 
 
 def test_a_file_is_run_once_until_it_changes(tmp_path):
