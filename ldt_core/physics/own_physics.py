@@ -85,8 +85,9 @@ def refuse_faulty(source: str, given: str, physics: Physics, values: Values, mos
             raise MachineFileError(where, expected, "others behind it")
         if not finite:
             raise MachineFileError(where, "finite numbers", "some that are not")
-    linear = isinstance(physics, MotorDriven) and physics.is_linear(values)
-    if linear and len(physics.states) == len(MOTOR.states):
+    if not isinstance(physics, MotorDriven) or len(physics.states) != len(MOTOR.states):
+        return
+    if physics.is_linear(values):
         _refuse_two_machines(f"{source}, physics {given}", physics, values, most)
 
 
