@@ -28,7 +28,7 @@ from ldt_core.machine.direction_check import swapped
 from ldt_core.machine.machine_file import Machine
 from ldt_core.machine.sensor_check import sound
 from ldt_core.physics.effect import Effect
-from ldt_core.physics.machine_sizes import machine_scales, most_of, sizes_of
+from ldt_core.physics.machine_sizes import machine_scales, most_of
 
 NO_VOLTAGE = 1e-9  # of the machine's limit: it has no sizes to look for effects in, as at 0 V
 

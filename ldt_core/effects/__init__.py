@@ -125,6 +125,14 @@ def parse_effect(text: str) -> tuple[Effect, dict[str, float]]:
     return effect.used(given)
 
 
+def sizes_of(effect: Effect, scales: Mapping[str, float]) -> Mapping[str, float]:
+    """A machine's scales (`machine_sizes`), for the library's effects: it is the worked case's.
+
+    An effect of the user's own is written for the user's machine.
+    """
+    return scales if effect.name in EFFECTS.builtin else {}
+
+
 def refuse_repeated(uses: Iterable[tuple[Effect, Mapping[str, float]]]) -> None:
     """Refuse (OptionError) an effect that is given twice: both would add up unseen."""
     for name, times in Counter(effect.name for effect, _ in uses).items():

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from ldt_core.effects import EFFECTS
 from ldt_core.physics.effect import Effect
 from ldt_core.physics.motor_rates import memory
 from ldt_core.physics.parameter import Parameter, logarithmic
@@ -57,11 +56,6 @@ def machine_scales(values: Mapping[str, float], most_voltage: float) -> dict[str
         "s": time,
         "K/W": 1.0 / (voltage * amps),
     }
-
-
-def sizes_of(effect: Effect, scales: Mapping[str, float]) -> Mapping[str, float]:
-    """The scales for the library's effects; one of the user's own is written for that machine."""
-    return scales if effect.name in EFFECTS.builtin else {}
 
 
 def in_own_sizes(

@@ -7,8 +7,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ldt_core.base.arrays import Array
+from ldt_core.effects import sizes_of
 from ldt_core.physics.effect import Effect
-from ldt_core.physics.machine_sizes import in_own_sizes, machine_scales, sizes_of
+from ldt_core.physics.machine_sizes import in_own_sizes, machine_scales
 from ldt_core.physics.parameter import Values
 
 Use = list[tuple[Effect, dict[str, float]]]
