@@ -23,6 +23,7 @@ from ldt_core.diagnosis.standing import standing
 from ldt_core.diagnosis.thresholds import THRESHOLDS
 from ldt_core.diagnosis.verdict import decide
 from ldt_core.diagnosis.verdict_report import VerdictReport
+from ldt_core.effects import sizes_of
 from ldt_core.machine.current_check import without_wrong_current
 from ldt_core.machine.direction_check import swapped
 from ldt_core.machine.machine_file import Machine
