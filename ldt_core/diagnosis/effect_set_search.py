@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ldt_core.base.arrays import Array
 from ldt_core.diagnosis.candidate import START_SHAPES, Candidate
-from ldt_core.diagnosis.effect_fit import START_STATE_GAIN, START_STATE_ROUNDS, EffectFit
+from ldt_core.diagnosis.effect_fit import EffectFit
 from ldt_core.diagnosis.model_selection import FittedSets
 from ldt_core.diagnosis.responses import Responses, best_alone, rank_pairs, simulate_all
 from ldt_core.diagnosis.ripple_orders import begun_at
@@ -33,7 +33,6 @@ FINISHED_RIVALS = 6  # sets that differ from the chosen one in one member
 RIVAL_CLOSE = 0.7  # of the best promise: what a rival reaches
 SIZE_TRIED_ANYWAY = 3  # effects: sets up to this size are tried even where the last did not help
 AS_STRONG = (0.6, 0.8, 1.0, 1.3, 1.7)  # of a start: what lies between it and the next
-SETTLED = 3  # sets of a size whose start states are sought until they stand
 PROMISED = 0.5  # of what a further effect must explain: to first order, a promise may be half
 WORTH_A_FIT = 0.1  # of the power left: what the response of such an addition promises
 
@@ -75,7 +74,6 @@ class EffectSetSearch(SetFits):
         With little left, or where two sizes gained nothing, the responses have to promise that a
         further effect explains it. A promise that was not kept is not believed again.
         """
-        enough = self.band.limit_of(THRESHOLDS.remainder_false_alarm)
         self._alone()
         bases, promised = BASES, False
         for count in range(1, THRESHOLDS.largest_set + 1):
@@ -86,7 +84,7 @@ class EffectSetSearch(SetFits):
                 before = self._best(count - 1)[0]
                 promised = not self._room_for_more(before)
                 asked = promised or (stuck and count > SIZE_TRIED_ANYWAY)
-                if asked and not self._promised(before, enough):
+                if asked and not self._promised(before):
                     break
                 bases = 1 if stuck else bases
                 if count == 2:
@@ -95,47 +93,35 @@ class EffectSetSearch(SetFits):
                 if not self._best(count):  # no candidate is left that shows
                     break
                 before = self._best(count - 1)[0]
-                self._exchange(count, enough)
+                self._exchange(count)
                 now = self._best(count - 1)[0]
                 # Out of a poor minimum, other effects may be missing beside it.
                 if before.loss - now.loss > THRESHOLDS.further_effect_of_remainder * before.loss:
                     self._build_on(count - 1, 1)
-                    self._exchange(count, enough)
+                    self._exchange(count)
             self._settle(count)
-            self._detail(count, enough)
+            self._detail(count)
             best = self._best(count)
-            if self.spent or not best:
+            if self.spent or not best or self._noise_alone(best[0]):
                 break
-            if self.band.excess(best[0].residual) < enough:  # noise, as rough as the gap made it
-                self.band.level = self.band.channel_noise(best[0].residual)
-                enough = self.band.limit_of(THRESHOLDS.remainder_false_alarm)
-                if self.band.excess(best[0].residual) < enough:
-                    break
         for size in range(1, count + 1):
             self._finish(size)
         return self.found
 
-    def _settle(self, count: int) -> None:
-        """Go on with the best sets of a size where a foundation's motion at the start is sought.
+    def _noise_alone(self, best: EffectFit) -> bool:
+        """Whether a set leaves noise alone, measured anew on it: the gap made it look rougher."""
+        if not self.leaves_noise(best):
+            return False
+        self.band.level = self.band.channel_noise(best.residual)
+        return self.leaves_noise(best)
 
-        Parameters and start states follow each other, a little in each round.
-        """
-        for _ in range(START_STATE_ROUNDS if self.scout.shaking and not self.spent else 0):
-            before = self._best(count)[:SETTLED]
-            self._scout([TriedSet(f.effects, f.z[: len(f.effects)], f.starts) for f in before])
-            now = [self.found.scouted[frozenset(f.names)] for f in before]
-            if all(
-                b.loss < (1 + START_STATE_GAIN) * a.loss for a, b in zip(now, before, strict=True)
-            ):
-                break
-
-    def _detail(self, count: int, enough: float) -> None:
+    def _detail(self, count: int) -> None:
         """Take the laws of a family in detail where that is most of what the best set lacks.
 
         Such as friction that builds up over a turn: all dry friction of a machine does, or none.
         """
         found = self._best(count)
-        if self.spent or not found or self.band.excess(found[0].residual) < enough:
+        if self.spent or not found or self.leaves_noise(found[0]):
             return
         best, before = found[0], self.in_detail
         families = {c.effect.family for c in best.effects if c.detailed is not None}
@@ -177,7 +163,7 @@ class EffectSetSearch(SetFits):
         left, gap = self.band.excess(best.residual), self.band.excess(self.responses.base)
         return left > THRESHOLDS.further_effect_of_gap * gap
 
-    def _promised(self, best: EffectFit, enough: float) -> bool:
+    def _promised(self, best: EffectFit) -> bool:
         """Whether a further effect promises part of what a set leaves, if that is little.
 
         Or whether two promise nearly all of it, which may stand in the place of a member.
@@ -188,7 +174,7 @@ class EffectSetSearch(SetFits):
         one, two = self._about(best).explained_beside(best)
         left, half = self.band.excess(best.residual), THRESHOLDS.further_effect_of_remainder
         much = one > PROMISED * half * left or two > THRESHOLDS.nearly_all_of_remainder * left
-        return left >= enough and much
+        return much and not self.leaves_noise(best)
 
     def _gained(self, count: int) -> bool:
         """Whether the best set of a size takes away half of what the best smaller one leaves."""
@@ -252,14 +238,14 @@ class EffectSetSearch(SetFits):
             tries += [self._with(base, candidate, start) for candidate, start in chosen]
         self._scout(() if self.spent else tries)
 
-    def _exchange(self, count: int, enough: float) -> None:
+    def _exchange(self, count: int) -> None:
         """Try others in the place of each member of the best set, until that gains nothing.
 
         What promised most at first may have stood for something that is found only beside others.
         """
         for _ in range(EXCHANGES):
             best = self._best(count)[0]
-            if self.band.excess(best.residual) < enough:
+            if self.leaves_noise(best):
                 break
             tries = []
             for leave in range(count):

@@ -119,8 +119,8 @@ class LawDepartures:
             [_push(*each) for each in zip(own, keeps, strict=True)]
             for own, keeps in zip(changes, forgets, strict=True)
         ]
-        motion = [(speed, current, np.cumsum(speed)) for speed, current in motion]
-        most = [max(float(np.abs(m[k]).max()) for m in motion) or 1.0 for k in range(3)]
+        states = [(speed, current, np.cumsum(speed)) for speed, current in motion]
+        most = [max(float(np.abs(s[k]).max()) for s in states) or 1.0 for k in range(3)]
         sizes = [math.sqrt(np.mean(np.concatenate(p) ** 2)) or 1.0 for p in pushes]
         power = [sum(float(np.sum((c / noise) ** 2)) for c in own) for own in changes]
         gram: Array = np.zeros(())
@@ -128,7 +128,7 @@ class LawDepartures:
         for i, piece in enumerate(pieces):
             columns = [fitted.jacobian[piece.channels[0]]]
             for push, keep, size in zip(pushes, forgets, sizes, strict=True):
-                speed, current, turned = (m / by for m, by in zip(motion[i], most, strict=True))
+                speed, current, turned = (s / by for s, by in zip(states[i], most, strict=True))
                 shapes = _shapes(push[i], speed, current, turned, size)
                 moved = _moved(shapes, keep[i]) / noise
                 columns.append(project_out(moved, starts.bases[i][: len(moved)]))

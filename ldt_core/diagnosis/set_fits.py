@@ -16,7 +16,13 @@ import numpy as np
 from ldt_core.base.arrays import Array
 from ldt_core.base.threads import spread
 from ldt_core.diagnosis.candidate import Candidate
-from ldt_core.diagnosis.effect_fit import STEPS, EffectFit, fit
+from ldt_core.diagnosis.effect_fit import (
+    START_STATE_GAIN,
+    START_STATE_ROUNDS,
+    STEPS,
+    EffectFit,
+    fit,
+)
 from ldt_core.diagnosis.error_band import ErrorBand
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
 from ldt_core.diagnosis.law_departure import LawDepartures
@@ -31,6 +37,7 @@ from ldt_core.diagnosis.thresholds import THRESHOLDS
 # The scout: the fits on a few experiments.
 SCOUT_STEPS = 8  # least-squares steps of its fits: a ranking needs no more
 SCOUT_PRECISION = 1e-4  # of the loss, where its fits end
+SETTLED = 3  # sets of a size whose start states are sought until they stand
 AT_ONCE = 16  # fits between two looks at the work done: the same sets for any number of threads
 # Which sets are fitted on all experiments.
 COMPARED = 6  # sets of a size of which it is asked how far their laws may depart
@@ -207,6 +214,20 @@ class SetFits:
         near = sorted(near, key=lambda f: f.loss - self.departures.taken(f))
         return [*near, *(f for f in found if f not in near)]
 
+    def _settle(self, count: int) -> None:
+        """Go on with the best sets of a size where a foundation's motion at the start is sought.
+
+        Parameters and start states follow each other, a little in each round.
+        """
+        for _ in range(START_STATE_ROUNDS if self.scout.shaking and not self.spent else 0):
+            before = self._best(count)[:SETTLED]
+            self._scout([TriedSet(f.effects, f.z[: len(f.effects)], f.starts) for f in before])
+            now = [self.found.scouted[frozenset(f.names)] for f in before]
+            if all(
+                b.loss < (1 + START_STATE_GAIN) * a.loss for a, b in zip(now, before, strict=True)
+            ):
+                break
+
     def _finish(self, count: int) -> None:
         """Fit the scout's best sets of a size on all experiments."""
         best = self._best(count)
@@ -231,6 +252,11 @@ class SetFits:
         part = max(promised, 0.0) / self.band.excess(self.responses.base)
         whole = band.excess(left[0].residual) / band.excess(found.base)
         return whole > HIDDEN * part + THRESHOLDS.further_effect_of_gap
+
+    def leaves_noise(self, scouted: EffectFit) -> bool:
+        """Whether a scouted set leaves no more than noise may."""
+        limit = self.band.limit_of(THRESHOLDS.remainder_false_alarm)
+        return self.band.excess(scouted.residual) < limit
 
     def near(self, scouted: EffectFit, best: EffectFit) -> bool:
         """Whether a scouted set may still turn out to be better than the best of its size."""
