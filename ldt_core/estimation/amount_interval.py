@@ -16,7 +16,7 @@ from ldt_core.base.arrays import Array
 from ldt_core.base.experiment import rms
 
 if TYPE_CHECKING:
-    from ldt_core.estimation.structure_search import FittedStructure
+    from ldt_core.estimation.fitted_structure import FittedStructure
 
 DEVIATIONS = 1.96  # half width of a 95 % interval of a normal distribution
 REMAINDER_SHAPES = 3.0  # independent shapes that a remainder is taken to consist of

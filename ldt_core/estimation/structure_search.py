@@ -13,8 +13,9 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,8 +23,9 @@ from numpy.typing import NDArray
 from ldt_core.base.arrays import Array
 from ldt_core.base.pausable import Pausable
 from ldt_core.base.threads import spread
+from ldt_core.estimation.fitted_structure import SURPRISING, FittedStructure
 from ldt_core.estimation.grey_box import GreyBox, Prior
-from ldt_core.estimation.grey_box_fit import GreyBoxFit, fit_grey_box, of_first
+from ldt_core.estimation.grey_box_fit import GreyBoxFit, fit_grey_box
 from ldt_core.estimation.structure_screening import (
     STRONGEST,
     WEAKEST,
@@ -48,9 +50,6 @@ FINALISTS, CLOSE, MOST_FINALISTS = 2, 10.8, 5
 AT_ONCE = 4
 #: Effects of a structure: of what few experiments tell, more are rarely told apart.
 MOST_EFFECTS = 3
-#: Standard deviations of the cost of a fit to white noise, beyond which a prior is doubted: one fit
-#: in 700 for nothing, which costs the time of another fit and no more.
-SURPRISING = 3.0
 #: Part of the squared error that the best structure removes under the observer: one that leaves
 #: more than this of it is not fitted whole.
 SERIOUS = 0.5
@@ -60,67 +59,6 @@ SURELY = 100.0
 #: Times what an effect gains by itself, that it is hoped to gain beside others. What acts side by
 #: side does not gain more together than the sum, but to first order only.
 HOPED = 2.0
-
-
-@dataclass(frozen=True, eq=False)
-class FittedStructure:
-    """A machine with effects, fitted.
-
-    Attributes:
-        box: machine and effects.
-        fit: where the fit ended.
-        prior: of the machine's coordinates, with which it began.
-        score: squared residuals in noise deviations plus the price of the parameters; the least is
-            the best. Structures that differ by less than `2 log(odds)` are not told apart.
-    """
-
-    box: GreyBox
-    fit: GreyBoxFit
-    prior: Prior
-    score: float
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Of its effects."""
-        return tuple(e.name for e in self.box.effects)
-
-    @property
-    def explains(self) -> bool:
-        """Whether the residuals of all experiments are noise."""
-        return self.fit.explained
-
-    @property
-    def present(self) -> Present:
-        """Its effects with their values, and the prior that it began with."""
-        given = {e.name: values for e, values in self.box.values(self.fit.q)[1]}
-        return Present(self.box.effects, given, self.prior)
-
-    def needs(self, effect: Effect, most: float) -> bool:
-        """Whether, to first order, every parameter of an effect raises the squared residuals by
-        more than this where it is left at neutral.
-        """
-        of_effects = [e for e in self.box.effects for _ in e.parameters]
-        begin = len(self.box.uncertain)
-        own = [begin + i for i, e in enumerate(of_effects) if e is effect]
-        variance = np.diag(np.linalg.pinv(self.fit.information, hermitian=True))
-        return bool(np.all(self.fit.q[own] ** 2 > most * variance[own]))
-
-    @property
-    def surprises(self) -> bool:
-        """Whether white noise, and a prior that is right, would cost less than this fit."""
-        count = sum(r.size for r in self.fit.residuals) + len(self.box.uncertain)
-        return self.fit.cost > count + SURPRISING * math.sqrt(2 * count)
-
-    @property
-    def surprise(self) -> float:
-        """-2 log of what the prior gives the data, but for what all priors have in common.
-
-        Laplace's approximation (MacKay, "Bayesian interpolation", Neural Computation 4, 1992): a
-        narrow prior is rewarded where it is right.
-        """
-        machine = of_first(self.fit.information, len(self.box.uncertain))
-        told, before = (np.linalg.slogdet(m)[1] for m in (machine, self.prior.precision))
-        return self.fit.cost + float(told - before)
 
 
 def _told(box: GreyBox, fit: GreyBoxFit, expected: Array) -> Array:
@@ -216,7 +154,7 @@ class StructureSearch(Screening):
         if not found:
             return []
         found = sorted(found, key=lambda s: s.score)
-        found[0] = yield from self.pruned(found[0], found)
+        found[0] = yield from self.pruned(found[0], present.given, found)
         if any(structure.explains for structure in found):
             found += yield from self._in_detail(found, library)
         return sorted(found, key=lambda s: s.score)
@@ -266,12 +204,19 @@ class StructureSearch(Screening):
         return []
 
     def pruned(
-        self, found: FittedStructure, others: Sequence[FittedStructure] = ()
+        self,
+        found: FittedStructure,
+        before: Mapping[str, Mapping[str, float]] = MappingProxyType({}),
+        others: Sequence[FittedStructure] = (),
     ) -> Pausable[FittedStructure]:
         """What explains, without the effects that do not pay the price of their parameters.
 
+        One that acted before stays where that is likelier than that it has gone, and all others
+        are as they were: few experiments need not show all that acts.
+
         Args:
             found: which explains.
+            before: effects that acted, with their values.
             others: that are fitted already.
         """
         known = {frozenset(s.box.effects): s for s in others}
@@ -282,6 +227,11 @@ class StructureSearch(Screening):
             for gone in best.box.effects:
                 if best.needs(gone, SURELY * len(gone.parameters) * math.log(self._samples)):
                     continue
+                as_before = {n: v for n, v in before.items() if n in best.names}
+                if gone.name in as_before:
+                    without = {**as_before, gone.name: gone.neutral}
+                    if best.rise(as_before) < best.rise(without):
+                        continue
                 rest = tuple(e for e in best.box.effects if e is not gone)
                 laws = frozenset(rest)
                 if laws not in known:

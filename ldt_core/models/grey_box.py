@@ -17,10 +17,11 @@ from ldt_core.base.pausable import Pausable, finished
 from ldt_core.effects import EFFECTS
 from ldt_core.estimation.amount_interval import intervals_of
 from ldt_core.estimation.effect.start_angle import FoundAngle, believe, together
+from ldt_core.estimation.fitted_structure import FittedStructure
 from ldt_core.estimation.grey_box import ANGLES, COARSE_STEP, Case, GreyBox, Prior
 from ldt_core.estimation.misfit import misfit, noise_in, setting
 from ldt_core.estimation.structure_screening import Present
-from ldt_core.estimation.structure_search import FittedStructure, StructureSearch
+from ldt_core.estimation.structure_search import StructureSearch
 from ldt_core.models.base import Model
 from ldt_core.models.causes import Causes, intervals_in
 from ldt_core.physics.effect import Effect
@@ -216,7 +217,7 @@ class GreyBoxModel(Model):
         self, search: StructureSearch, found: FittedStructure, experiments: Sequence[Experiment]
     ) -> Pausable[Self]:
         """The next version with the same causes; those not told apart stay so until they are."""
-        found = yield from search.pruned(found)
+        found = yield from search.pruned(found, self.given)
         last = self.effects[-1:] == found.box.effects[-1:] and found.explains
         rivals = [self.machine.effect(n) for n in self.parameters["alike"] if last]
         alike = yield from search.still_alike(found.present, rivals, ALIKE)

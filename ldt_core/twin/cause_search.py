@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -196,17 +197,27 @@ class CauseSearch:
             best = (yield from within(self._searched(pool), STEPS // 2)) or alone
         elif best is None:
             best = yield from self._searched(told)
+        elif strain(best)[1] > THRESHOLDS.prior_deviations:
+            # Numbers that the file knows do not move so far by themselves: something moves them.
+            best = (yield from within(self._searched(told, near_file=True), STEPS // 2)) or alone
         if best is None:
             return None
         return best, anew(best) if best is alone else "has a new cause"
 
-    def _searched(self, pool: Sequence[Experiment]) -> Pausable[GreyBoxModel | None]:
-        """What a search finds that explains all of these, unless searches have to wait."""
+    def _searched(
+        self, pool: Sequence[Experiment], near_file: bool = False
+    ) -> Pausable[GreyBoxModel | None]:
+        """What a search finds that explains all of these, unless searches have to wait.
+
+        Args:
+            near_file: leave out what moves the machine's own parameters far from the file's.
+        """
         asked = self.question
         if not asked.due:
             return None
         found = yield from self._candidates.structures(asked.start, pool)
-        explaining = (m for m in found if explains_all(m, pool))
+        most = THRESHOLDS.prior_deviations if near_file else math.inf
+        explaining = (m for m in found if strain(m)[1] <= most and explains_all(m, pool))
         return next((m for m in explaining if gains(m, asked.versions[0], asked.told)), None)
 
     def state(self) -> dict[str, Any]:
@@ -225,16 +236,22 @@ class CauseSearch:
         return cls(candidates, question, bool(state["over"]), granted)
 
 
+def strain(model: GreyBoxModel) -> tuple[str, float]:
+    """The machine's own parameter that is farthest from the file's, and by how many tolerances."""
+    names, far = model.box.uncertain, np.abs(model.q[: len(model.box.uncertain)])
+    return (names[int(np.argmax(far))], float(far.max())) if names else ("", 0.0)
+
+
 def anew(model: Model) -> str:
     """What a version does that has learned more with the same causes."""
     if not isinstance(model, GreyBoxModel):
         return "estimates its causes anew"
-    far = float(np.abs(model.q[: len(model.box.uncertain)]).max(initial=0.0))
+    name, far = strain(model)
     moved = not model.effects or far > THRESHOLDS.prior_deviations
     what = ["its causes"] if model.effects else []
     what += ["the machine's own parameters"] if moved else []
     words = f"estimates {listed(what)} anew"
-    return f"{words}, up to {far:.1f} tolerances from the file's" if moved else words
+    return f"{words}, {name} by {far:.1f} tolerances from the file's" if moved and name else words
 
 
 def granted(beside: CauseSearch | None) -> int:
