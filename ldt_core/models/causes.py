@@ -46,7 +46,7 @@ class Causes:
 
         Args:
             before: as it was.
-            doubts: names of effects that are not known to act, and why.
+            doubts: names of effects that are not known to act, or to have gone, and why.
         """
         said, unknown = [], []
         for effect in self.effects:
@@ -61,15 +61,19 @@ class Causes:
                 if self.alike and effect is self.effects[-1]:
                     others = listed([spoken(n) for n in self.alike], "or")
                     said[-1] += f" (or {others}: not told apart)"
-        if unknown:
-            what = "what else has changed" if said else "what has changed"
-            said.append(f"{what} is not known: {listed(unknown)}")
         taken = any(n in self.given for n in before.alike)  # for another one, not told apart
         for effect in before.effects[:-1] if taken else before.effects:
             name = effect.name
-            if before.name(effect) and name not in (*self.given, *self.alike):
+            if not before.name(effect) or name in (*self.given, *self.alike):
+                continue
+            if name in doubts:
+                unknown.append(doubts[name])
+            else:
                 back = "is the file's again" if name in self.of_file else "has gone"
                 said.append(f"{spoken(name)} {back}")
+        if unknown:
+            what = "what else has changed" if said else "what has changed"
+            said.append(f"{what} is not known: {listed(unknown)}")
         return "; ".join(said)
 
 

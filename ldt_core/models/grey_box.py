@@ -24,7 +24,6 @@ from ldt_core.estimation.structure_screening import Present
 from ldt_core.estimation.structure_search import StructureSearch
 from ldt_core.models.base import Model
 from ldt_core.models.causes import Causes, intervals_in
-from ldt_core.physics.effect import Effect
 
 #: Directions in which the parameters are least known, along which a prediction is spread out.
 DIRECTIONS = 3
@@ -361,19 +360,6 @@ class GreyBoxModel(Model):
             "directions": [np.clip(d, -1.0, 1.0).tolist() for d in widest[-DIRECTIONS:]],
         }
         return self.successor(record, experiments)
-
-    def explains_without(self, effect: Effect, experiments: Sequence[Experiment]) -> bool:
-        """Whether the other effects, and the machine's own parameters within their tolerances,
-        explain experiments as well.
-
-        Raises:
-            LdtError: too few samples.
-        """
-        rest = tuple(e for e in self.effects if e is not effect)
-        given, own = {e.name: self.given[e.name] for e in rest}, self.q[: len(self.box.uncertain)]
-        near = GreyBox(self.machine, rest, self.machine.tolerances).coordinates(given, own)
-        begin = replace(self.present, effects=rest, given=given)
-        return finished(self.search_on(experiments).refined(begin, near)).explains
 
     def change(self, before: Model, doubts: Mapping[str, str] = MappingProxyType({})) -> str:
         """ "unbalance has grown to 6.100 ± 0.020 mm"; see `Causes.change`."""

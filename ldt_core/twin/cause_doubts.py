@@ -6,14 +6,18 @@ A prediction may use what a sentence may not claim.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 
 from ldt_core.base.arrays import Array
 from ldt_core.base.experiment import Experiment, rms
+from ldt_core.base.pausable import finished
 from ldt_core.base.sentences import listed, spoken
 from ldt_core.base.threads import one_thread
 from ldt_core.effects.change_description import apart
+from ldt_core.estimation.fitted_structure import FittedStructure
+from ldt_core.estimation.grey_box import GreyBox
 from ldt_core.models.base import Model
 from ldt_core.models.causes import Causes
 from ldt_core.models.grey_box import GreyBoxModel
@@ -36,7 +40,8 @@ def doubts(
     their tolerances: that it acts would rest on the machine not having changed. One that
     contradicts itself from version to version, beyond chance. And any, where the current was
     measured and comes out worse than before: a load that is twice as heavy, friction and all, looks
-    in the speed like twice the resistance.
+    in the speed like twice the resistance. Nor is it known that one has gone which may as well act
+    as before: few experiments do not show all that acts.
 
     Args:
         model: that comes into force.
@@ -60,8 +65,12 @@ def doubts(
                 found[effect.name] += f" (nobody measures its {states} at the start)"
         elif against:
             found[effect.name] = f"the measured current speaks against {name}"
-        elif _needless(model, effect, experiments):
+        elif explains_without(model, effect, experiments):
             found[effect.name] = f"the machine's own parameters explain it without {name}, too"
+    for effect in known.effects:
+        gone = effect.name not in (*causes.given, *causes.alike) and known.name(effect)
+        if gone and _may_stay(model, effect, known.given[effect.name], experiments):
+            found[effect.name] = f"{spoken(effect.name)} may act as before"
     return found
 
 
@@ -79,10 +88,52 @@ def _current_speaks_against(
     return error > 0 and any(errs_less(left(version), error) for version in grey)
 
 
-def _needless(model: GreyBoxModel, effect: Effect, experiments: Sequence[Experiment]) -> bool:
-    with one_thread(), suppress(*UNLEARNABLE):
-        return model.explains_without(effect, experiments)
+def explains_without(
+    model: GreyBoxModel, effect: Effect, experiments: Sequence[Experiment]
+) -> bool:
+    """Whether the other effects, and the machine's own parameters within their tolerances, explain
+    experiments as well.
+    """
+    rest = tuple(e for e in model.effects if e is not effect)
+    with suppress(*UNLEARNABLE):
+        return _refined(model, rest, model.given, experiments).explains
     return False
+
+
+def _may_stay(
+    model: GreyBoxModel,
+    effect: Effect,
+    values: Mapping[str, float],
+    experiments: Sequence[Experiment],
+) -> bool:
+    """Whether an effect is likelier to act by these values than not at all, beside the causes."""
+    given = {**model.given, effect.name: values}
+    with suppress(*UNLEARNABLE):
+        found = _refined(model, (*model.effects, effect), given, experiments)
+        as_before, gone = ({effect.name: v} for v in (values, effect.neutral))
+        return found.explains and found.rise(as_before) < found.rise(gone)
+    return False
+
+
+def _refined(
+    model: GreyBoxModel,
+    effects: tuple[Effect, ...],
+    given: Mapping[str, Mapping[str, float]],
+    experiments: Sequence[Experiment],
+) -> FittedStructure:
+    """These effects, fitted next to their values and to the model's own parameters.
+
+    Raises:
+        LdtError: too few samples.
+    """
+    acting, own = (
+        {e.name: dict(given[e.name]) for e in effects},
+        model.q[: len(model.box.uncertain)],
+    )
+    near = GreyBox(model.machine, effects, model.machine.tolerances).coordinates(acting, own)
+    begin = replace(model.present, effects=effects, given=acting)
+    with one_thread():
+        return finished(model.search_on(experiments).refined(begin, near))
 
 
 def _contradicts(effect: Effect, versions: Sequence[Model]) -> bool:

@@ -1,0 +1,89 @@
+"""Of a machine of which several things act, one changes: what is told of it, and of the rest."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+from ldt_core.base.experiment import Experiment
+from ldt_core.twin.loop import Twin
+from tests.motors import motor_file
+
+PERIOD, SAMPLES, NOISE = 0.01, 200, 0.3  # s, of an experiment, rad/s
+#: True numbers, then what somebody has identified: a motor without friction and fan.
+TRUE = {"R": 0.9, "L": 2e-3, "K": 0.055, "J": 9e-4, "b": 4e-4, "dry": 0.02, "fan": 1.2e-6}
+IDENTIFIED = {
+    "J": {"value": 1.0e-3, "std": 2.6e-5},
+    "K_t": {"value": 0.0679, "std": 1.6e-3},
+    "R": 1.0,
+    "L": {"value": 2.6e-3, "std": 2.0e-3},
+    "b": 0.0,
+}
+#: A data sheet that knows all but the friction and the fan.
+SHEET = {"J": 9e-4, "K_t": 0.055, "R": 0.9, "L": 2e-3, "b": 4e-4}
+CHANGED = 16  # the first experiment of the changed machine
+
+
+def run(seed: int, file: dict, count: int, changes: dict[int, dict[str, float]]) -> list:
+    """Steps of a twin beside a motor of another engine that never stops.
+
+    Args:
+        changes: from which experiment on the motor has which other numbers.
+    """
+    noise, levels = np.random.default_rng(seed), np.random.default_rng(seed + 100)
+    p, x, twin, found = dict(TRUE), np.zeros(2), Twin(motor_file(file, SAMPLES, PERIOD)), []
+
+    def rate(x, u):
+        i, w = x
+        load = p["b"] * w + p["dry"] * np.tanh(w / 0.5) + p["fan"] * w * abs(w)
+        return np.array([(u - p["R"] * i - p["K"] * w) / p["L"], (p["K"] * i - load) / p["J"]])
+
+    for k in range(1, count + 1):
+        p |= changes.get(k, {})
+        volts = np.repeat(levels.uniform(3.0, 18.0, SAMPLES // 50), 50)
+        speed, h = np.empty(SAMPLES), PERIOD / 10
+        for n, u in enumerate(volts):
+            speed[n] = x[1]
+            for _ in range(10):
+                a = rate(x, u)
+                b = rate(x + h / 2 * a, u)
+                c = rate(x + h / 2 * b, u)
+                x = x + h / 6 * (a + 2 * b + 2 * c + rate(x + h * c, u))
+        speed += NOISE * noise.standard_normal(SAMPLES)
+        found.append(twin.step(Experiment(k, 2.0 * k, PERIOD, voltage=volts, speed=speed)))
+    return found
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [2, 3])
+def test_an_inertia_that_halves_is_named_and_nothing_else_has_gone(seed):
+    """The file's own numbers could follow it, eight tolerances off; friction and fan are there."""
+    steps = run(seed, IDENTIFIED, 26, {CHANGED: {"J": TRUE["J"] / 2}})
+    after = " ".join(s.adaptation.reason for s in steps[CHANGED - 1 :])
+    factor = re.search(r"inertia has fallen to a factor of ([0-9.]+)", after)
+    assert factor
+    assert float(factor[1]) == pytest.approx(0.5, abs=0.08)
+    assert "has gone" not in after
+    errors = [s.signal.max_error for s in steps]
+    assert np.mean(errors[CHANGED + 2 :]) < 1.2 * np.mean(errors[CHANGED - 8 : CHANGED - 1])
+
+
+@pytest.mark.slow
+def test_what_may_act_as_before_has_not_gone():
+    """One experiment is explained without the fan as well, which is no proof that it is off."""
+    told = " ".join(s.adaptation.reason for s in run(3, IDENTIFIED, 10, {}))
+    assert "quadratic drag has grown" in told
+    assert "has gone" not in told
+    assert "quadratic drag may act as before" in told
+
+
+@pytest.mark.slow
+def test_what_is_taken_off_has_gone():
+    """A fan that was mounted, and is taken off again, of a motor that is known well."""
+    plain, fan = {"dry": 0.0, "fan": 0.0}, {"fan": 4e-6}
+    steps = run(4, SHEET, 14, {1: plain, 4: fan, 9: plain})
+    told = [s.adaptation.reason for s in steps]
+    assert "quadratic drag has grown" in " ".join(told[3:8])
+    assert "quadratic drag has gone" in " ".join(told[8:])
