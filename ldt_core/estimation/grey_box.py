@@ -135,6 +135,15 @@ class GreyBox:
         """(n,) coordinates of effects with these values, beside (k,) machine coordinates."""
         return np.concatenate([machine, self._own.at(given)])
 
+    def farthest(self, q: Array) -> tuple[str, float]:
+        """The machine's own parameter that is farthest from its file's, and by how many
+        tolerances; ("", 0.0) where none is uncertain.
+        """
+        far = np.abs(q[: len(self.uncertain)])
+        return max(
+            zip(self.uncertain, far.tolist(), strict=True), key=lambda f: f[1], default=("", 0.0)
+        )
+
     def at_rest(self, experiment: Experiment, noise: float) -> bool:
         """Whether the machine stood still at the first sample."""
         return abs(float(experiment.speed[0])) <= AT_REST * noise

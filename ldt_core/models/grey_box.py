@@ -305,7 +305,13 @@ class GreyBoxModel(Model):
         for name in self.parameters["alike"]:
             laws = (*self.effects[:-1], self.machine.effect(name))
             found.append((yield from search.fitted(self.present, laws, sized=False)))
-        return [self.adopt(f, experiments) for f in sorted(found, key=lambda f: f.score)]
+        ranked = sorted(found, key=lambda s: s.score)
+
+        def alike(best: FittedStructure) -> list[str]:
+            others = (s for s in ranked if s is not best and s.explains)
+            return [s.names[-1] for s in others if s.score - best.score < ALIKE]
+
+        return [self.adopt(f, experiments, alike(f)) for f in ranked]
 
     def noise_of(self, experiment: Experiment) -> float:
         """Standard deviation of the noise [rad/s] that the residual's roughness shows."""

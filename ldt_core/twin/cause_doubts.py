@@ -15,6 +15,7 @@ from ldt_core.base.experiment import Experiment, rms
 from ldt_core.base.pausable import finished
 from ldt_core.base.sentences import listed, spoken
 from ldt_core.base.threads import one_thread
+from ldt_core.diagnosis.thresholds import THRESHOLDS
 from ldt_core.effects.change_description import apart
 from ldt_core.estimation.fitted_structure import FittedStructure
 from ldt_core.estimation.grey_box import GreyBox
@@ -36,8 +37,8 @@ def doubts(
 ) -> dict[str, str]:
     """Names of effects that are not known to act, and why.
 
-    One that the experiments are explained without as well, by the machine's own parameters within
-    their tolerances: that it acts would rest on the machine not having changed. One that
+    One that the experiments are explained without as well, by the machine's own parameters: that it
+    acts would rest on these not having changed. One that
     contradicts itself from version to version, beyond chance. And any, where the current was
     measured and comes out worse than before: a load that is twice as heavy, friction and all, looks
     in the speed like twice the resistance. Nor is it known that one has gone which may as well act
@@ -65,8 +66,8 @@ def doubts(
                 found[effect.name] += f" (nobody measures its {states} at the start)"
         elif against:
             found[effect.name] = f"the measured current speaks against {name}"
-        elif explains_without(model, effect, experiments):
-            found[effect.name] = f"the machine's own parameters explain it without {name}, too"
+        elif words := explained_without(model, effect, experiments):
+            found[effect.name] = words
     for effect in known.effects:
         gone = effect.name not in (*causes.given, *causes.alike) and known.name(effect)
         if gone and _may_stay(model, effect, known.given[effect.name], experiments):
@@ -88,16 +89,21 @@ def _current_speaks_against(
     return error > 0 and any(errs_less(left(version), error) for version in grey)
 
 
-def explains_without(
+def explained_without(
     model: GreyBoxModel, effect: Effect, experiments: Sequence[Experiment]
-) -> bool:
-    """Whether the other effects, and the machine's own parameters within their tolerances, explain
-    experiments as well.
+) -> str:
+    """That the other effects, and the machine's own parameters, explain experiments as well; "" if
+    they do not. Where that takes them far from the file, it is said which one, and how far.
     """
     rest = tuple(e for e in model.effects if e is not effect)
     with suppress(*UNLEARNABLE):
-        return _refined(model, rest, model.given, experiments).explains
-    return False
+        found = _refined(model, rest, model.given, experiments)
+        if found.explains:
+            name, far = found.box.farthest(found.fit.q)
+            strained = f", {name} by {far:.1f} tolerances from the file's"
+            words = f"the machine's own parameters explain it without {spoken(effect.name)}, too"
+            return words + (strained if far > THRESHOLDS.prior_deviations else "")
+    return ""
 
 
 def _may_stay(

@@ -7,8 +7,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from ldt_core.base.experiment import Experiment
 from ldt_core.base.pausable import Pausable, finished, within
 from ldt_core.base.sentences import listed
@@ -197,7 +195,7 @@ class CauseSearch:
             best = (yield from within(self._searched(pool), STEPS // 2)) or alone
         elif best is None:
             best = yield from self._searched(told)
-        elif strain(best)[1] > THRESHOLDS.prior_deviations:
+        elif best.box.farthest(best.q)[1] > THRESHOLDS.prior_deviations:
             # Numbers that the file knows do not move so far by themselves: something moves them.
             best = (yield from within(self._searched(told, near_file=True), STEPS // 2)) or alone
         if best is None:
@@ -217,7 +215,8 @@ class CauseSearch:
             return None
         found = yield from self._candidates.structures(asked.start, pool)
         most = THRESHOLDS.prior_deviations if near_file else math.inf
-        explaining = (m for m in found if strain(m)[1] <= most and explains_all(m, pool))
+        near = (m for m in found if m.box.farthest(m.q)[1] <= most)
+        explaining = (m for m in near if explains_all(m, pool))
         return next((m for m in explaining if gains(m, asked.versions[0], asked.told)), None)
 
     def state(self) -> dict[str, Any]:
@@ -236,17 +235,11 @@ class CauseSearch:
         return cls(candidates, question, bool(state["over"]), granted)
 
 
-def strain(model: GreyBoxModel) -> tuple[str, float]:
-    """The machine's own parameter that is farthest from the file's, and by how many tolerances."""
-    names, far = model.box.uncertain, np.abs(model.q[: len(model.box.uncertain)])
-    return (names[int(np.argmax(far))], float(far.max())) if names else ("", 0.0)
-
-
 def anew(model: Model) -> str:
     """What a version does that has learned more with the same causes."""
     if not isinstance(model, GreyBoxModel):
         return "estimates its causes anew"
-    name, far = strain(model)
+    name, far = model.box.farthest(model.q)
     moved = not model.effects or far > THRESHOLDS.prior_deviations
     what = ["its causes"] if model.effects else []
     what += ["the machine's own parameters"] if moved else []

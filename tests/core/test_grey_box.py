@@ -19,7 +19,7 @@ from ldt_core.models import build_model, restore_model
 from ldt_core.models.grey_box import GreyBoxModel
 from ldt_core.models.physics import PhysicsModel
 from ldt_core.physics.motor import MOTOR
-from ldt_core.twin.cause_doubts import explains_without
+from ldt_core.twin.cause_doubts import explained_without
 
 pytestmark = pytest.mark.slow
 
@@ -225,9 +225,9 @@ def test_an_amount_has_the_interval_that_its_law_leaves():
     low, high = found.causes.intervals["constant_load"]["torque"]
     assert low < 0.05 < high
     assert 0.02 < (high - low) / 0.05 < 0.2
-    assert not explains_without(found, found.effects[0], [first])
+    assert not explained_without(found, found.effects[0], [first])
     (same,) = experiments(DC, 1, seed=8)
-    assert explains_without(found, found.effects[0], [same])
+    assert explained_without(found, found.effects[0], [same])
 
 
 def test_a_law_that_falls_short_is_taken_in_detail():
