@@ -41,12 +41,13 @@ class Causes:
         was, now = before.interval(effect), self.interval(effect)
         return was.keys() != now.keys() or any(apart(was[n], now[n]) for n in now)
 
-    def change(self, before: Causes, doubts: Mapping[str, str]) -> str:
+    def change(self, before: Causes, doubts: Mapping[str, str], strained: Mapping[str, str]) -> str:
         """What has changed; "" where nothing has, beyond chance.
 
         Args:
             before: as it was.
             doubts: names of effects that are not known to act, or to have gone, and why.
+            strained: names of effects, and what parameter of the file would explain as much.
         """
         said, unknown = [], []
         for effect in self.effects:
@@ -58,9 +59,10 @@ class Causes:
             else:
                 was = {**effect.neutral, **before.given.get(name, {})}
                 said.append(change_of(effect, was, self.given[name], self.interval(effect)))
-                if self.alike and effect is self.effects[-1]:
-                    others = listed([spoken(n) for n in self.alike], "or")
-                    said[-1] += f" (or {others}: not told apart)"
+                others = list(map(spoken, self.alike if effect is self.effects[-1] else ()))
+                others += [strained[name]] if name in strained else []
+                if others:
+                    said[-1] += f" (or {listed(others, 'or')}: not told apart)"
         taken = any(n in self.given for n in before.alike)  # for another one, not told apart
         for effect in before.effects[:-1] if taken else before.effects:
             name = effect.name

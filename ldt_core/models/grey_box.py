@@ -367,10 +367,15 @@ class GreyBoxModel(Model):
         }
         return self.successor(record, experiments)
 
-    def change(self, before: Model, doubts: Mapping[str, str] = MappingProxyType({})) -> str:
+    def change(
+        self,
+        before: Model,
+        doubts: Mapping[str, str] = MappingProxyType({}),
+        strained: Mapping[str, str] = MappingProxyType({}),
+    ) -> str:
         """ "unbalance has grown to 6.100 ± 0.020 mm"; see `Causes.change`."""
         old = before.causes if isinstance(before, GreyBoxModel) else Causes()
-        return self.causes.change(old, doubts)
+        return self.causes.change(old, doubts, strained)
 
 
 def _plain(prior: Prior) -> dict[str, Any]:

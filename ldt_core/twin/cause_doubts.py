@@ -34,12 +34,13 @@ TURNS = 2
 
 def doubts(
     model: Model, before: Model, earlier: Sequence[Model], experiments: Sequence[Experiment]
-) -> dict[str, str]:
-    """Names of effects that are not known to act, and why.
+) -> tuple[dict[str, str], dict[str, str]]:
+    """Names of effects that are not known to act, and why; and of those that one of the machine's
+    own parameters far from the file's would explain as well, and which.
 
-    One that the experiments are explained without as well, by the machine's own parameters: that it
-    acts would rest on these not having changed. One that
-    contradicts itself from version to version, beyond chance. And any, where the current was
+    Not known is one that the experiments are explained without as well, by the machine's own
+    parameters within their tolerances: that it acts would rest on these not having changed. One
+    that contradicts itself from version to version, beyond chance. And any, where the current was
     measured and comes out worse than before: a load that is twice as heavy, friction and all, looks
     in the speed like twice the resistance. Nor is it known that one has gone which may as well act
     as before: few experiments do not show all that acts.
@@ -51,9 +52,9 @@ def doubts(
         experiments: the newest, or the last ones of few samples.
     """
     if not isinstance(model, GreyBoxModel):
-        return {}
+        return {}, {}
     known, causes = before.causes if isinstance(before, GreyBoxModel) else Causes(), model.causes
-    found = {}
+    found, strained = {}, {}
     against = _current_speaks_against(model, [before, *earlier], experiments)
     for effect in model.effects:
         if not (causes.name(effect) and causes.moved(known, effect)):
@@ -66,13 +67,18 @@ def doubts(
                 found[effect.name] += f" (nobody measures its {states} at the start)"
         elif against:
             found[effect.name] = f"the measured current speaks against {name}"
-        elif words := explained_without(model, effect, experiments):
-            found[effect.name] = words
+        elif without := explained_without(model, effect, experiments):
+            own, far = without
+            if far > THRESHOLDS.prior_deviations:
+                strained[effect.name] = f"{own} {far:.1f} tolerances from the file's"
+            else:
+                words = f"the machine's own parameters explain it without {name}, too"
+                found[effect.name] = words
     for effect in known.effects:
         gone = effect.name not in (*causes.given, *causes.alike) and known.name(effect)
         if gone and _may_stay(model, effect, known.given[effect.name], experiments):
             found[effect.name] = f"{spoken(effect.name)} may act as before"
-    return found
+    return found, strained
 
 
 def _current_speaks_against(
@@ -91,19 +97,16 @@ def _current_speaks_against(
 
 def explained_without(
     model: GreyBoxModel, effect: Effect, experiments: Sequence[Experiment]
-) -> str:
-    """That the other effects, and the machine's own parameters, explain experiments as well; "" if
-    they do not. Where that takes them far from the file, it is said which one, and how far.
+) -> tuple[str, float] | None:
+    """The machine's own parameter that is then farthest from the file's, and by how many
+    tolerances, where these and the other effects explain experiments as well.
     """
     rest = tuple(e for e in model.effects if e is not effect)
     with suppress(*UNLEARNABLE):
         found = _refined(model, rest, model.given, experiments)
         if found.explains:
-            name, far = found.box.farthest(found.fit.q)
-            strained = f", {name} by {far:.1f} tolerances from the file's"
-            words = f"the machine's own parameters explain it without {spoken(effect.name)}, too"
-            return words + (strained if far > THRESHOLDS.prior_deviations else "")
-    return ""
+            return found.box.farthest(found.fit.q)
+    return None
 
 
 def _may_stay(

@@ -265,7 +265,7 @@ class ContestAdaptor(KnownVersions):
             return self.model.change(before)
         learned = [e for e in self._recent(experiment) if e.number in self.model.trained_on]
         told = newest_enough([*learned, experiment])
-        return self.model.change(before, doubts(self.model, before, self.earlier, told))
+        return self.model.change(before, *doubts(self.model, before, self.earlier, told))
 
     def unexplained(self, experiment: Experiment) -> list[Experiment]:
         """The newest experiments that nobody explains."""

@@ -33,7 +33,7 @@ def row(name, *amounts):
 
 def doubt(versions, experiment):
     *earlier, model = versions
-    return doubts(model, earlier[-1], earlier, [experiment])
+    return doubts(model, earlier[-1], earlier, [experiment])[0]
 
 
 @pytest.fixture(scope="module")
@@ -110,5 +110,5 @@ def test_a_resistance_that_the_measured_current_contradicts_is_not_told(heavier,
     ends = {"armature_resistance": {"factor": [1.49, 1.51]}}
     given = {"effects": {"armature_resistance": {"factor": 1.5}}, "intervals": ends}
     model = GreyBoxModel(before.machine, {**before.parameters, **given}, 1)
-    found = doubts(model, before, [before], [experiment]).get("armature_resistance", "")
+    found = doubts(model, before, [before], [experiment])[0].get("armature_resistance", "")
     assert ("the measured current speaks against" in found) is not known

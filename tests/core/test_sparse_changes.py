@@ -71,6 +71,16 @@ def test_an_inertia_that_halves_is_named_and_nothing_else_has_gone(seed):
 
 
 @pytest.mark.slow
+def test_a_number_of_the_file_that_would_explain_as_much_is_told():
+    """Weaker magnets: the motor constant, or K_t far from what the file says."""
+    steps = run(5, IDENTIFIED, 18, {CHANGED: {"K": 0.85 * TRUE["K"]}})
+    told = steps[CHANGED - 1].adaptation.reason
+    found = re.search(r"motor constant has fallen to a factor of ([0-9.]+).*\(or K_t", told)
+    assert found
+    assert float(found[1]) == pytest.approx(0.85, abs=0.06)
+
+
+@pytest.mark.slow
 def test_what_may_act_as_before_has_not_gone():
     """One experiment is explained without the fan as well, which is no proof that it is off."""
     told = " ".join(s.adaptation.reason for s in run(3, IDENTIFIED, 10, {}))
