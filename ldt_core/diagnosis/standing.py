@@ -84,6 +84,9 @@ def standing(
             break
         refuted.add(names)
         decision = choose(search, seed)
+    if first is None and decision.best:  # it leaves too much: a curve may say of what kind
+        now = _asked(machine, decision, decision.best, search, fitted, held, curves)
+        first = now if now.beaten < math.inf else None
     return first or Standing(decision, "", before, before, None)
 
 
