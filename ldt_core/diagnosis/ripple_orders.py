@@ -24,7 +24,7 @@ from ldt_core.physics.integrate import answered
 ORDER = "periods"  # name of the parameter that is one
 HIGHEST = 100  # order that is looked at: more teeth than a motor has
 #: Of the samples, in which the shaft was slow enough to show an order. What is left near standstill
-#: has many shapes: with a hundredth, high orders come first that nothing has.
+#: has many shapes: with a tenth, the double of an order came before it.
 LEAST_SHOWN = 0.25
 FOLLOWED = 3  # of the strongest orders: a law of the angle leaves some at its multiples
 QUARTERS = 4  # of a turn, by which the phases differ that it begins with

@@ -65,7 +65,8 @@ class FittedStructure:
         all else follows.
         """
         at, own = self._places(given), self.fit.q[: len(self.box.uncertain)]
-        there = self.box.coordinates({**self.present.given, **given}, own)
+        values = {n: {**fitted, **given.get(n, {})} for n, fitted in self.present.given.items()}
+        there = self.box.coordinates(values, own)
         far = (self.fit.q - there)[at]
         return float(far @ np.linalg.pinv(self._covariance[np.ix_(at, at)], hermitian=True) @ far)
 
