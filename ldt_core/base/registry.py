@@ -13,7 +13,7 @@ import importlib
 import importlib.util
 import sys
 import traceback
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from importlib import metadata
 from pathlib import Path
 from types import ModuleType
@@ -134,13 +134,17 @@ def _also_in(folder: str) -> Iterator[None]:
 
 def own_place(error: BaseException) -> str:
     """Where in a user's part an error came up, as "file.py, line 6"; "" where in none."""
-    frames = traceback.extract_tb(error.__traceback__)
-    places = [f for f in frames if str(Path(f.filename).absolute()) in _own_files]
-    return f"{places[-1].filename}, line {places[-1].lineno}" if places else ""
+    frame = _last_frame(error, _own_files)
+    return f"{frame.filename}, line {frame.lineno}" if frame else ""
 
 
 def line_in(path: str, error: BaseException) -> str:
     """Where in a user's file an error came up, as words behind it; "" where not there."""
-    frames, place = traceback.extract_tb(error.__traceback__), str(Path(path).absolute())
-    lines = [f.lineno for f in frames if f.filename in (path, place)]
-    return f" (line {lines[-1]})" if lines else ""
+    frame = _last_frame(error, {str(Path(path).absolute())})
+    return f" (line {frame.lineno})" if frame else ""
+
+
+def _last_frame(error: BaseException, files: Collection[str]) -> traceback.FrameSummary | None:
+    """The innermost that ran in one of these files."""
+    frames = reversed(traceback.extract_tb(error.__traceback__))
+    return next((f for f in frames if str(Path(f.filename).absolute()) in files), None)

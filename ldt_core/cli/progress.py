@@ -49,9 +49,7 @@ MINUTE = 60.0  # s
 LINE_EVERY = 30.0  # s between two lines on a pipe: a log of an hour has 120, a quick command none
 LIVE_LINE_EVERY = 3600.0  # s, the same where there is no end: what happens has lines of its own
 MOST_CHANGES = 10  # of a live machine that are told in a row: those of its first minutes
-CHANGE_EVERY = (
-    360.0  # s after which another one may be: a machine that changes at will fills no log
-)
+CHANGE_EVERY = 360.0  # s after which another one may be: no log is filled by a restless machine
 # Items, or a quarter of them if that is less, before the time left is told: a mean of ten is known
 # within a third of an item's own spread. The first one of a fresh installation also compiles.
 TIMED = 10

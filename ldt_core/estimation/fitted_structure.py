@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
@@ -70,7 +71,12 @@ class FittedStructure:
         far = (self.fit.q - there)[at]
         return float(far @ np.linalg.pinv(self._covariance[np.ix_(at, at)], hermitian=True) @ far)
 
-    @property
+    def keeps(self, effect: Effect, before: Mapping[str, Mapping[str, float]]) -> bool:
+        """Whether an effect is likelier to act as before than not at all, the others as before."""
+        gone = {**before, effect.name: effect.neutral}
+        return self.rise(before) < self.rise(gone)
+
+    @functools.cached_property
     def _covariance(self) -> Array:
         return np.asarray(np.linalg.pinv(self.fit.information, hermitian=True))
 

@@ -223,15 +223,13 @@ class StructureSearch(Screening):
         best = found
         while len(best.box.effects) > 1 and best.explains:
             given = best.present.given
+            acted = {n: v for n, v in before.items() if n in best.names}
             fewer = []
             for gone in best.box.effects:
                 if best.needs(gone, SURELY * len(gone.parameters) * math.log(self._samples)):
                     continue
-                as_before = {n: v for n, v in before.items() if n in best.names}
-                if gone.name in as_before:
-                    without = {**as_before, gone.name: gone.neutral}
-                    if best.rise(as_before) < best.rise(without):
-                        continue
+                if gone.name in acted and best.keeps(gone, acted):
+                    continue
                 rest = tuple(e for e in best.box.effects if e is not gone)
                 laws = frozenset(rest)
                 if laws not in known:

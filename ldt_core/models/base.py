@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import abc
+import functools
 import json
 import math
 from collections.abc import Mapping, Sequence
@@ -115,8 +116,8 @@ class Model(abc.ABC):
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickled and copied by what makes it: what `build` adds may hold compiled code."""
-        made = type(self), self.machine, self.parameters, self.version, self.trained_on
-        return _built, (*made, self.options)
+        made = self.machine, self.parameters, self.version, self.trained_on
+        return functools.partial(type(self), **self.options), made
 
     def __repr__(self) -> str:
         learned = counted(len(self.trained_on), "experiment")
@@ -144,17 +145,6 @@ class Model(abc.ABC):
         except Exception as error:  # what comes from outside can break `build` in any way
             where, expected = f"model version {record.version}", f"parameters of a {cls.kind} model"
             raise ModelError(where, expected, reason_of(error)) from error
-
-
-def _built(
-    kind: type[Model],
-    machine: Machine,
-    parameters: Mapping[str, Any],
-    version: int,
-    trained_on: Sequence[int],
-    options: Mapping[str, Any],
-) -> Model:
-    return kind(machine, parameters, version, trained_on, **options)
 
 
 def _refuse_non_finite(value: Any) -> None:

@@ -72,8 +72,7 @@ def doubts(
             if far > THRESHOLDS.prior_deviations:
                 strained[effect.name] = f"{own} {far:.1f} tolerances from the file's"
             else:
-                words = f"the machine's own parameters explain it without {name}, too"
-                found[effect.name] = words
+                found[effect.name] = f"the machine's own parameters explain it without {name}, too"
     for effect in known.effects:
         gone = effect.name not in (*causes.given, *causes.alike) and known.name(effect)
         if gone and _may_stay(model, effect, known.given[effect.name], experiments):
@@ -119,8 +118,7 @@ def _may_stay(
     given = {**model.given, effect.name: values}
     with suppress(*UNLEARNABLE):
         found = _refined(model, (*model.effects, effect), given, experiments)
-        as_before, gone = ({effect.name: v} for v in (values, effect.neutral))
-        return found.explains and found.rise(as_before) < found.rise(gone)
+        return found.explains and found.keeps(effect, {effect.name: values})
     return False
 
 
@@ -135,10 +133,8 @@ def _refined(
     Raises:
         LdtError: too few samples.
     """
-    acting, own = (
-        {e.name: dict(given[e.name]) for e in effects},
-        model.q[: len(model.box.uncertain)],
-    )
+    acting = {e.name: dict(given[e.name]) for e in effects}
+    own = model.q[: len(model.box.uncertain)]
     near = GreyBox(model.machine, effects, model.machine.tolerances).coordinates(acting, own)
     begin = replace(model.present, effects=effects, given=acting)
     with one_thread():
