@@ -277,16 +277,32 @@ class SetFits:
         names = frozenset(scouted.names)
         if names not in self.found.fits:
             self.tick("fitting the best sets on all experiments")
-            if self.scout.size == self.residuals.size:
-                self.found.fits[names] = scouted
-            else:
+            fitted = scouted
+            if self.scout.size != self.residuals.size:
                 steps = SCOUT_STEPS if self.spent else STEPS
                 begun = bearable(self.residuals, scouted, self.found.base)
-                self.found.fits[names] = fit(
-                    self.residuals, scouted.members, begun, steps=steps, own=scouted.own
-                )
+                fitted = fit(self.residuals, scouted.members, begun, steps=steps, own=scouted.own)
+            self.found.fits[names] = self._no_worse_than_parts(fitted)
             self._polish(names)
         return self.found.fits[names]
+
+    def _no_worse_than_parts(self, fitted: EffectFit) -> EffectFit:
+        """The set, fitted once more from where a part of it ended that leaves less.
+
+        With an effect more a fit can leave no more, if it does not go astray: an angle that a
+        ripple begins with, say, has many minima.
+        """
+        names, known = frozenset(fitted.names), self.found.fits
+        parts = [known[names - {n}] for n in fitted.names if known.get(names - {n})]
+        best = min(parts, key=lambda f: f.loss, default=fitted)
+        if best.loss >= fitted.loss or not best.effects or self.spent:
+            return fitted
+        ends = dict(zip(best.names, best.z, strict=False))
+        start = [ends.get(c.name, z) for c, z in zip(fitted.members, fitted.z, strict=True)]
+        if any(len(a) != len(b) for a, b in zip(start, fitted.z, strict=True)):
+            return fitted  # of which a law was taken in detail
+        again = fit(self.residuals, fitted.members, start, own=fitted.own, known=best.starts)
+        return min(fitted, again, key=lambda f: f.loss)
 
     def _polish(self, names: Names) -> None:
         """Go on with a fit that may have ended before its many parameters were at their best.

@@ -11,6 +11,7 @@ from recorded_machines import candidates, steps
 from ldt_core.base.experiment import Experiment
 from ldt_core.diagnosis.diagnose import diagnose
 from ldt_core.diagnosis.effect_fit import fit
+from ldt_core.diagnosis.effect_set_search import EffectSetSearch
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
 from ldt_core.diagnosis.ripple_orders import ripple_orders
 from ldt_core.effects import get_effect
@@ -94,6 +95,21 @@ def test_a_fit_from_the_truth_stays_there_whatever_the_start_angles(torque, peri
     amounts = cogging.given(fit(residuals, [cogging], [begun]).z[0])
     assert amounts["torque"] == pytest.approx(torque, rel=0.1)
     assert amounts["periods"] == pytest.approx(periods, abs=0.01)
+
+
+def test_a_further_effect_leaves_no_more_though_its_fit_begins_astray():
+    """A ripple of another order is no minimum that the fit of both could leave again."""
+    angles = np.random.default_rng(1).uniform(0, 2 * math.pi, 8)
+    residuals = FreeRunResiduals(MACHINE, cogged(0.6, 5.0, (6.0, 12.0), 0.02, list(angles)))
+    cogging, inertia = candidates(MACHINE, ["cogging_torque", "inertia"])
+    search = EffectSetSearch(residuals, [cogging, inertia])
+    begun = cogging.coordinates({"torque": 0.6, "periods": 5.0, "phase": 0.5})
+    alone = search.found.fits[frozenset([cogging.name])] = fit(residuals, [cogging], [begun])
+    astray = cogging.coordinates({"torque": 0.6, "periods": 8.5, "phase": 0.5})
+    both = [cogging, inertia], [astray, inertia.coordinates({"factor": 1.0})]
+    assert fit(residuals, *both).loss > 2 * alone.loss
+    scouted = fit(search.scout, *both, steps=2)
+    assert search.finish(scouted).loss < 1.01 * alone.loss
 
 
 @pytest.mark.parametrize(
