@@ -98,6 +98,9 @@ def _run(
     from ldt_ros.graph.node_graph import Graph
 
     runs = machine_runs(given)
+    for run in runs:  # what is known of a run that goes on: its end may be far
+        for words in run.summary.notes:
+            on_warning(run.name, words)
     Graph(runs, supervisor, on_step, on_warning).run(stopped)
     return runs
 

@@ -182,7 +182,7 @@ def _agreed(folder: Path, metadata: Mapping[str, Any], custom: Mapping[str, str]
 
 
 def _compare(folder: Path, there: str, given: str) -> None:
-    """Settings that one of the two lacks are at their defaults.
+    """Settings that one of the two lacks are at their defaults; of those of another version, none.
 
     The machine's file may stand elsewhere by now; what it says is in the run's key.
     """
@@ -190,8 +190,8 @@ def _compare(folder: Path, there: str, given: str) -> None:
     old = run_settings.parse_settings(f"{folder}, settings", there)
     new = {name: value for name, value in json.loads(given).items() if name != "format"}
     free = {*run_settings.CHANGEABLE, run_settings.SECURE, "machine"}
-    for name in sorted({*old, *new} - free):
-        default = declared.get(name, {}).get("default")
+    for name in sorted({*old, *new} & {*declared} - free):
+        default = declared[name]["default"]
         recorded, wanted = old.get(name, default), new.get(name, default)
         if recorded != wanted:
             where = f"{folder}, {name}"

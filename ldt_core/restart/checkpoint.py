@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ldt_core.base import result_files
+from ldt_core.base.code_version import code_version
 from ldt_core.base.digest import json_digest
 from ldt_core.base.errors import RecordingError
 from ldt_core.base.experiment import Adaptation, DiagnosisRecord, Experiment, ModelRecord
@@ -72,15 +73,20 @@ class CheckpointFiles:
         self.folder, self._log = Path(folder), log
         #: All that there may be.
         self.paths = [self.folder / f"{stage}.{slot}.checkpoint" for slot in range(SLOTS)]
-        self._key = json_digest(key)
+        self._key, self._version = json_digest(key), json_digest(code_version())
         self._slot = 0
 
     def read(self) -> list[Checkpoint]:
-        """Those that are whole and of this run, the newest first; what is not is logged."""
+        """Those that are whole and of this run, the newest first; what is not is logged.
+
+        Of another version there is nothing to log: whoever goes on with such a run is told.
+        """
         found = []
         for slot, file in enumerate(self.paths):
             try:
-                found.append((self._parsed(file), slot))
+                parsed = self._parsed(file)
+                if parsed is not None:
+                    found.append((parsed, slot))
             except FileNotFoundError:
                 continue
             except (OSError, ValueError, TypeError, KeyError, RecursionError) as error:
@@ -100,14 +106,16 @@ class CheckpointFiles:
         """
         if not self.folder.is_dir():
             return
-        content = {"format": FORMAT, "key": self._key, **checkpoint._asdict()}
+        content = {"format": FORMAT, "key": self._key, "version": self._version}
+        content |= checkpoint._asdict()
         text = json.dumps({**content, "digest": json_digest(content)}, allow_nan=False)
         if len(text) > MOST_BYTES:
             raise ValueError(f"expected at most {MOST_BYTES} bytes, got {len(text)}")
         result_files.write(self.paths[self._slot], text, sync=True)
         self._slot = (self._slot + 1) % SLOTS
 
-    def _parsed(self, file: Path) -> Checkpoint:
+    def _parsed(self, file: Path) -> Checkpoint | None:
+        """None where another version wrote it."""
         with file.open("rb") as stream:
             data = stream.read(MOST_BYTES + 1)
         if len(data) > MOST_BYTES:
@@ -115,8 +123,12 @@ class CheckpointFiles:
         content = json.loads(data)
         if not isinstance(content, dict) or content.pop("digest", None) != json_digest(content):
             raise ValueError("it is damaged")
-        if content.get("format") != FORMAT or content.get("key") != self._key:
-            raise ValueError("it is of another run, or of another version")
+        if content.get("format") != FORMAT:
+            raise ValueError("it is of another version")
+        if content.get("version") != self._version:
+            return None
+        if content.get("key") != self._key:
+            raise ValueError("it is of another run")
         number, start, speed, state = (content[name] for name in Checkpoint._fields)
         if type(number) is not int or not 0 < number < LARGEST_NUMBER:
             raise ValueError("its experiment is no number")

@@ -1,8 +1,8 @@
 """Going on with a run that ended before its time: by which settings, and whether it is the same.
 
 A recording says by which parameters it was made, and under which key: the machine, the physics, the
-user's own parts, the versions. Under another key the numbers would not be those of one run, so it
-is refused.
+user's own parts, the versions. Another machine or another part is refused. Another version goes on,
+and says so: it reads all that is recorded, and may compute what follows otherwise.
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ from ldt_core.recording.writer import KEY
 #: Digits of the digests of the machine file and of those of own parts.
 DIGEST_DIGITS = 12
 MACHINE = "machine"  # name of a key's digest of the machine, and of the parameter that names it
+LDT, CODE = "ldt", "code"  # of `code_version`
 OWN_FILE = "file "  # how a key's names of those begin
 #: Folder of a fleet's first recording.
 FIRST_MACHINE = "machine_1"
@@ -63,11 +64,18 @@ def own_files(machine: Machine, settings: Mapping[str, Any]) -> dict[str, str]:
     return found
 
 
-def check_key(bag: Bag, machine: Machine, settings: Mapping[str, Any] | None = None) -> None:
-    """Refuse a recording that was made under another key.
+def check_key(bag: Bag, machine: Machine, settings: Mapping[str, Any] | None = None) -> list[str]:
+    """Refuse a recording that was made under another key, but for the versions in it.
+
+    Whoever updates LDT goes on with what the recording holds; only the same versions give the
+    same numbers.
 
     Args:
         settings: as of `key_text`; None where the user's own parts do nothing.
+
+    Returns:
+        A sentence that says which versions are others, and which recorded parameters there are no
+        more; nothing where all is the same.
 
     Raises:
         RecordingError: says what differs.
@@ -76,18 +84,28 @@ def check_key(bag: Bag, machine: Machine, settings: Mapping[str, Any] | None = N
     recorded = _recorded_key(bag)
     if not recorded:
         raise RecordingError(bag.path, "a recording of a run, with its key", "none")
-    for name in sorted({*own, *recorded}):
+    changed = []
+    for name in sorted({*own, *recorded}, key=lambda n: (n != LDT, n)):
         if settings is None and name.startswith(OWN_FILE):
             continue
         was, now = recorded.get(name, "none"), own.get(name, "none")
-        if was != now:
-            if name == MACHINE:
-                check_machine(bag, machine)
-            where, got = f"{bag.path}, {name}", quoted(now)
-            if name in code_version():
-                anew = f"ldt run --play {as_argument(str(bag.path))}"
-                got += f" (that version goes on with it; begin a new one, or learn anew: {anew})"
-            raise RecordingError(where, f"{quoted(was)}, under which the run began", got)
+        if was == now:
+            continue
+        if name in code_version():
+            if name == CODE and changed:
+                continue  # another version has other code
+            changed.append(f"{name} {quoted(now)}, was {quoted(was)}")
+            continue
+        if name == MACHINE:
+            check_machine(bag, machine)
+        expected = f"{quoted(was)}, under which the run began"
+        raise RecordingError(f"{bag.path}, {name}", expected, quoted(now))
+    gone = sorted({*bag.settings()} - {*msgs_config.parameters()})
+    changed += [f"no parameter {quoted(name)} any more" for name in gone]
+    if not changed:
+        return []
+    what = "; ".join(changed)
+    return [f"{bag.path} began with another version, which may give other numbers: {what}"]
 
 
 def check_machine(bag: Bag, machine: Machine) -> None:

@@ -58,8 +58,8 @@ def run(
     goes_on = bool(settings.get("resume"))
     summary = summary or Summary()
     if bag is not None and goes_on:  # before a part of the user's own is run
-        check_key(read_bag(bag, namespace or "/", listed=True), machine, settings)
-        summary.note(*withdraw(RecordedRun(bag, namespace, machine), settings))
+        versions = check_key(read_bag(bag, namespace or "/", listed=True), machine, settings)
+        summary.note(*versions, *withdraw(RecordedRun(bag, namespace, machine), settings))
     twin = Twin.from_settings(machine, settings)
     if bag is None:
         all_of_them = experiments(0) if callable(experiments) else experiments

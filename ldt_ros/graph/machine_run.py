@@ -202,8 +202,10 @@ def machine_runs(settings: Mapping[str, Any]) -> list[MachineRun]:
         own["graph"] = roles(own)
         own["run_settings"] = settings_text(own)
         if own["resume"]:
-            check_key(read_bag(run.bag, listed=True), machine, own)
-            run.summary.note(*withdraw(RecordedRun(run.bag, run.namespace, machine), own))
+            versions = check_key(read_bag(run.bag, listed=True), machine, own)
+            run.summary.note(
+                *versions, *withdraw(RecordedRun(run.bag, run.namespace, machine), own)
+            )
             own["start_time"] = begin_of(run.bag, own["start_time"])
         if run.source == "plant" and own["start_time"] == FROM_FILE:
             # A plant that is started again must not take another moment for the present.

@@ -9,9 +9,13 @@ import msgs_config
 from ldt_core.base.errors import BadInput
 from ldt_core.base.experiment import Experiment
 from ldt_core.base.settings import resolve
+from ldt_core.machine import Plant
+from ldt_core.machine.machine_file import load_machine
 from ldt_core.recording.bag import read_bag
 from ldt_core.recording.writer import BagWriter
+from ldt_core.restart import checkpoint, rollback, run_key
 from ldt_core.restart.run_key import resumed
+from ldt_core.runs import offline
 
 
 def of_run(**given):
@@ -61,3 +65,32 @@ def test_a_recorder_goes_on_whoever_secures_it(tmp_path, began, goes_on):
     with BagWriter(bag, "rotor", settings=resolve({"secure": goes_on}), resume=True):
         pass
     assert read_bag(bag).settings().get("secure", False) == bool(began)
+
+
+def test_a_run_goes_on_after_an_update_and_says_so_in_one_sentence(tmp_path, monkeypatch):
+    """With other code, another library, and without a parameter that there was."""
+    machine, bag = load_machine("rotor"), tmp_path / "run"
+    given = resolve({"model": "physics", "checkpoint_every": 1, "experiments": 3})
+    made = list(map(Plant.from_settings(machine, given).experiment, (1, 2, 3)))
+    older = lambda: {"ldt": "0.0", "code": "0123456789ab"}  # noqa: E731
+    with monkeypatch.context() as then:
+        for module in (run_key, checkpoint):
+            then.setattr(module, "code_version", older)
+        offline.run(machine, {**given, "old_option": 7}, made[:2], bag)
+    then = {f: f.read_bytes() for f in bag.glob("*.mcap")}
+    key = read_bag(bag).custom("key")
+    assert rollback.history(bag).last.number == 2
+    summary = offline.run(machine, resumed({**given, "resume": str(bag)}), made, bag)
+    assert summary.experiments == 3
+    told = [note for note in summary.notes if "version" in note or "checkpoint" in note]
+    assert len(told) == 1
+    assert told[0].startswith(f"{bag} began with another version, which may give other numbers: ")
+    for words in (
+        ": ldt '",
+        ", was '0.0'; numba '",
+        "numpy '",
+        "no parameter 'old_option' any more",
+    ):
+        assert words in told[0]
+    assert {f: f.read_bytes() for f in then} == then
+    assert read_bag(bag).custom("key") == key
