@@ -8,7 +8,7 @@ and says so: it reads all that is recorded, and may compute what follows otherwi
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ import msgs_config
 from ldt_core.base.code_version import code_version
 from ldt_core.base.digest import file_digest, json_digest
 from ldt_core.base.errors import BadInput, RecordingError
-from ldt_core.base.printable import as_argument
+from ldt_core.base.printable import as_argument, one_line
 from ldt_core.base.settings import as_options
 from ldt_core.detectors import DETECTORS
 from ldt_core.effects import EFFECTS
@@ -31,8 +31,10 @@ from ldt_core.recording.writer import KEY
 #: Digits of the digests of the machine file and of those of own parts.
 DIGEST_DIGITS = 12
 MACHINE = "machine"  # name of a key's digest of the machine, and of the parameter that names it
+CONTENT = "machine file"  # name of what the machine's digest is of, to name what differs
 LDT, CODE = "ldt", "code"  # of `code_version`
 OWN_FILE = "file "  # how a key's names of those begin
+SHOWN = 3  # numbers of a machine file that a sentence names
 #: Folder of a fleet's first recording.
 FIRST_MACHINE = "machine_1"
 
@@ -44,6 +46,7 @@ def key_text(machine: Machine, settings: Mapping[str, Any]) -> str:
         settings: parameters of the run, those at least that name parts.
     """
     key = {MACHINE: _digest(machine), "physics": machine.physics, **code_version()}
+    key[CONTENT] = json.dumps(machine.as_dict())
     files = own_files(machine, settings).items()
     return json.dumps(key | {f"{OWN_FILE}{name}": digest for name, digest in files})
 
@@ -84,8 +87,8 @@ def check_key(bag: Bag, machine: Machine, settings: Mapping[str, Any] | None = N
     recorded = _recorded_key(bag)
     if not recorded:
         raise RecordingError(bag.path, "a recording of a run, with its key", "none")
-    changed = []
-    for name in sorted({*own, *recorded}, key=lambda n: (n != LDT, n)):
+    changed: list[str] = []
+    for name in sorted({*own, *recorded} - {CONTENT}, key=lambda n: (n != LDT, n)):
         if settings is None and name.startswith(OWN_FILE):
             continue
         was, now = recorded.get(name, "none"), own.get(name, "none")
@@ -114,11 +117,46 @@ def check_machine(bag: Bag, machine: Machine) -> None:
     Raises:
         RecordingError: names the recording, and what can be done.
     """
-    if _recorded_key(bag).get(MACHINE, "") in ("", _digest(machine)):
+    recorded = _recorded_key(bag)
+    if recorded.get(MACHINE, "") in ("", _digest(machine)):
         return
     expected = "the machine file as it was, under which the run began"
-    got = "another or an edited one (take that one, or begin a new recording)"
+    differ = _differences(recorded.get(CONTENT, ""), machine)
+    more = [f"{len(differ) - SHOWN} more"] if len(differ) > SHOWN else []
+    shown = "; ".join([*differ[:SHOWN], *more])
+    what = f"one in which {shown}" if differ else "another or an edited one"
+    got = f"{what} (take that one, or begin a new recording)"
     raise RecordingError(f"{bag.path}, {MACHINE}", expected, got)
+
+
+def _differences(recorded: str, machine: Machine) -> list[str]:
+    """What a machine file says otherwise than it did, each as "R is 2.1, was 1.9"."""
+    try:
+        was = dict(_leaves(json.loads(recorded)))
+    except (ValueError, RecursionError):  # none, of an earlier version
+        return []
+    now = dict(_leaves(json.loads(json.dumps(machine.as_dict()))))
+    return [
+        f"{one_line(name)} is {_told(now, name)}, was {_told(was, name)}"
+        for name in was | now
+        if now.get(name) != was.get(name)
+    ]
+
+
+def _told(values: Mapping[str, Any], name: str) -> str:
+    return quoted(values[name]) if name in values else "none"
+
+
+def _leaves(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
+    """What a machine file says that is no list and no mapping, each by its place in the file."""
+    if isinstance(value, dict):
+        for key, inner in value.items():
+            yield from _leaves(inner, f"{name}.{key}".lstrip("."))
+    elif isinstance(value, list):
+        for index, inner in enumerate(value):
+            yield from _leaves(inner, f"{name}[{index}]")
+    else:
+        yield name.removeprefix("parameters."), value
 
 
 def _recorded_key(bag: Bag) -> dict[str, str]:

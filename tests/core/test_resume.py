@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import msgs_config
-from ldt_core.base.errors import BadInput
+from ldt_core.base.errors import BadInput, RecordingError
 from ldt_core.base.experiment import Experiment
 from ldt_core.base.settings import resolve
 from ldt_core.machine import Plant
@@ -94,3 +96,20 @@ def test_a_run_goes_on_after_an_update_and_says_so_in_one_sentence(tmp_path, mon
         assert words in told[0]
     assert {f: f.read_bytes() for f in then} == then
     assert read_bag(bag).custom("key") == key
+
+
+def test_an_edited_machine_file_is_refused_by_the_numbers_that_differ(tmp_path):
+    """The first three of them."""
+    began = load_machine("rotor")
+    with BagWriter(tmp_path / "run", "rotor", key=run_key.key_text(began, {})) as writer:
+        writer.write("experiment", Experiment(1, 1e9, 0.01, np.zeros(3), np.zeros(3)), 1e9)
+    bag = read_bag(tmp_path / "run")
+    run_key.check_machine(bag, load_machine("rotor"))
+    edited = began.with_parameters(m=4.8, R=2.1)
+    with pytest.raises(
+        RecordingError, match=r"in which m is 4\.8, was 4\.9; R is 2\.1, was 1\.0 \("
+    ):
+        run_key.check_machine(bag, edited)
+    other = replace(edited, voltage_limits=(0.0, 24.0), simulation={})
+    with pytest.raises(RecordingError, match=r"voltage\[0\] is 0\.0, was -24\.0; \d+ more \(take"):
+        run_key.check_machine(bag, other)

@@ -301,7 +301,7 @@ def test_a_recording_under_another_key_is_not_taken_up(
         assert invoke(commands, [command, "--resume", "run", "--machine", "own.yaml"]) == 2
         errors = capsys.readouterr().err
         assert "run, machine: expected the machine file as it was" in errors
-        assert "under which the run began" in errors
+        assert "under which the run began, got one in which m is 4.8, was 4.9 (take" in errors
     assert invoke(commands, ["simulate", "--experiments", "2", "--out", "other"]) == 0
     assert invoke(commands, ["run", "--resume", "other"]) == 2
     assert "other: expected a recording of a run" in capsys.readouterr().err
