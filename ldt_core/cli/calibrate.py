@@ -11,8 +11,10 @@ from rich.table import Table
 from ldt_core.base.errors import OptionError
 from ldt_core.base.printable import as_argument, one_line
 from ldt_core.base.sentences import counted
+from ldt_core.base.settings import as_options
 from ldt_core.cli.console import Console
 from ldt_core.cli.options import (
+    declared_option,
     diagnosis_option,
     json_option,
     judged_option,
@@ -55,6 +57,7 @@ def _names(_context: click.Context, option: click.Parameter, text: str | None) -
 @new_file_option
 @force_option
 @judged_option
+@declared_option("only")
 @namespace_option
 @click.option(
     "--figure", metavar="FILE", help="Draw measured, before and after (.png, .svg, .pdf)."
@@ -69,6 +72,7 @@ def command(
     out: str,
     force: bool,
     holdout: float | None,
+    only: str,
     namespace: str,
     figure: str | None,
     as_json: bool,
@@ -105,7 +109,7 @@ def command(
     if figure:
         style.check_picture(figure, "--figure", "--figure")
         check_file(figure, force, "--figure")
-    experiments = read_recordings(recordings, namespace, machine)
+    experiments = read_recordings(recordings, namespace, machine, only)
     with naming(recordings), status("{}: {} simulations of the recording") as tick:
         found = calibrate(
             machine,
@@ -126,7 +130,7 @@ def command(
         echo_json(record)
     else:
         _print(found, out)
-        _print_next(found, recordings, out)
+        _print_next(found, recordings, only, out)
 
 
 def _print(found: Calibration, out: str) -> None:
@@ -156,11 +160,11 @@ def _print(found: Calibration, out: str) -> None:
     console.print(f"machine file: {out}")
 
 
-def _print_next(found: Calibration, recordings: Sequence[str], out: str) -> None:
+def _print_next(found: Calibration, recordings: Sequence[str], only: str, out: str) -> None:
     """What to do with the file, and the command."""
     played, file = as_argument(recordings[0]), as_argument(out)
     words, command = "let the twin watch", f"ldt run --play {played} --machine {file} --out played"
     if found.lacking != []:
-        given = " ".join(map(as_argument, recordings))
+        given = f"{' '.join(map(as_argument, recordings))} {as_options({'only': only})}".rstrip()
         words, command = "what it lacks", f"ldt diagnose {given} --machine {file} --out why"
     echo(one_line(f"Next, {words}: {command}"))

@@ -11,10 +11,15 @@ from rich.table import Table
 
 from ldt_core.base.printable import one_line
 from ldt_core.base.sentences import confident, listed
-from ldt_core.base.settings import HOLDOUT
+from ldt_core.base.settings import HOLDOUT, as_options
 from ldt_core.cli.completion import known
 from ldt_core.cli.console import Console
-from ldt_core.cli.options import compute_options, namespace_option, parameters
+from ldt_core.cli.options import (
+    compute_options,
+    declared_option,
+    namespace_option,
+    parameters,
+)
 from ldt_core.cli.outputs import check_file, check_results, force_option, no_empty_folder
 from ldt_core.cli.progress import ResumableProgress, status
 from ldt_core.cli.terminal import echo_json, echo_json_text, warn
@@ -65,6 +70,7 @@ MAX_CANDIDATES = 8  # candidates in the table of the terminal; the page has all
     help="Machine parameters to fit too, within their tolerances, or none; by default those with a "
     "standard deviation in the file, or calibrated.",
 )
+@declared_option("only")
 @namespace_option
 @click.option(
     "-o",
@@ -94,6 +100,7 @@ def command(
     more: tuple[str, ...],
     without: tuple[str, ...],
     refit: str | None,
+    only: str,
     namespace: str,
     out: str,
     force: bool,
@@ -138,11 +145,11 @@ def command(
     check_results(folder, () if each else (JSON, PAGE), force)
     if each:
         along = None if fitted_along is None else tuple(fitted_along)
-        options = Options(namespace, more, without, along, holdout, seed)
+        options = Options(namespace, more, without, along, holdout, seed, only)
         with no_empty_folder(folder):
             folder.mkdir(parents=True, exist_ok=True)
             return _each(recordings, machine, folder, options, (jobs, scheduler), as_json)
-    experiments = read_recordings(recordings, namespace, machine)
+    experiments = read_recordings(recordings, namespace, machine, only)
     with no_empty_folder(folder), naming(recordings), status("{}: step {}") as tick:
         folder.mkdir(parents=True, exist_ok=True)
         found = diagnose(
@@ -162,7 +169,7 @@ def command(
     if as_json:
         echo_json_text(in_json(found))
     else:
-        _print(found, folder)
+        _print(found, folder, only)
     return 0
 
 
@@ -226,7 +233,7 @@ def _row(a: RecordingAnswer) -> list[str]:
     return [a.recording, verdict["kind"], effects, sure, closed, change]
 
 
-def _print(found: Diagnosis, folder: Path) -> None:
+def _print(found: Diagnosis, folder: Path, only: str) -> None:
     from ldt_core.diagnosis.sentence import applied, values
     from ldt_core.views.diagnosis_page.diagnosis_page import JSON, PAGE
     from ldt_core.views.diagnosis_page.next_step import next_step
@@ -259,4 +266,6 @@ def _print(found: Diagnosis, folder: Path) -> None:
     console.print(f"{folder / PAGE}, {folder / JSON}")
     words, command = next_step(found, folder / JSON)
     if command:
+        if "--machine" in command:
+            command = f"{command} {as_options({'only': only})}".rstrip()
         console.print(one_line(f"Next, {words}: {command}"), soft_wrap=True)

@@ -11,7 +11,9 @@ from click.core import ParameterSource
 
 from ldt_core.base.errors import LdtError, OptionError
 from ldt_core.base.printable import as_argument, one_line
+from ldt_core.base.settings import as_options
 from ldt_core.cli.options import (
+    declared_option,
     json_option,
     judged_option,
     namespace_option,
@@ -76,6 +78,7 @@ def _range(
     "coulomb_friction. `ldt calibrate` then fits their torques too.",
 )
 @judged_option
+@declared_option("only")
 @namespace_option
 @json_option
 def command(
@@ -88,6 +91,7 @@ def command(
     limits: tuple[float, float] | None,
     effects: str | None,
     holdout: float | None,
+    only: str,
     namespace: str,
     as_json: bool,
 ) -> None:
@@ -108,8 +112,8 @@ def command(
     check_file(out, force)
     if name is None:  # a diagnosis refuses a file of another machine than the recorded one
         name = recorded_machine(recordings[0], namespace) or Path(out).stem
-    experiments = read_recordings(recordings, namespace)
-    bags = " ".join(map(as_argument, recordings))
+    experiments = read_recordings(recordings, namespace, only=only)
+    bags = f"{' '.join(map(as_argument, recordings))} {as_options({'only': only})}".rstrip()
     if effects is not None:
         _refuse_idle("--order", "--offset", "--holdout")
         names = [n.strip() for n in effects.split(",")]

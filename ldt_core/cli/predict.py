@@ -9,6 +9,7 @@ import click
 from ldt_core.base.printable import as_argument
 from ldt_core.base.sentences import counted
 from ldt_core.cli.options import (
+    declared_option,
     diagnosis_option,
     json_option,
     namespace_option,
@@ -33,6 +34,7 @@ from ldt_core.cli.terminal import echo_result, warn
 )
 @out_option
 @force_option
+@declared_option("only")
 @namespace_option
 @json_option
 def command(
@@ -42,6 +44,7 @@ def command(
     own: tuple[str, ...],
     out: str,
     force: bool,
+    only: str,
     namespace: str,
     as_json: bool,
 ) -> None:
@@ -75,7 +78,7 @@ def command(
         warn_of_nothing(diagnosis, acting)
     model, alone = PhysicsModel(machine, effects=acting), PhysicsModel(machine)
     error, without = FreeRunError(), FreeRunError()
-    played = read_bag(recording, namespace)
+    played = read_bag(recording, namespace, only=only)
     with (
         stop_on_signals() as stop,
         replacing(out, force, [recording]),

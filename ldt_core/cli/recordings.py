@@ -23,7 +23,7 @@ SHOWN = 3  # experiments named in a sentence
 
 
 def read_recordings(
-    recordings: Sequence[str], namespace: str, machine: Machine | None = None
+    recordings: Sequence[str], namespace: str, machine: Machine | None = None, only: str = ""
 ) -> list[Experiment]:
     """Experiments of all recordings, each once.
 
@@ -35,6 +35,7 @@ def read_recordings(
         namespace: machine whose topics are meant.
         machine: what it cannot have made is left out and told; None when it is not known: then
             what is far beyond the others is.
+        only: experiments of each recording, as of `Bag`.
 
     Raises:
         RecordingError: a recording that cannot be read, or all of them together unpack to more
@@ -45,7 +46,7 @@ def read_recordings(
     seen: dict[bytes, int] = {}
     held = HeldSamples()
     for recording in recordings:
-        bag, again = read_bag(recording, namespace), []
+        bag, again = read_bag(recording, namespace, only=only), []
         for read in held.of(bag, machine):
             number = len(found) + 1 if len(recordings) > 1 else read.number
             first = (

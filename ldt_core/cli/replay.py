@@ -9,6 +9,7 @@ import click
 
 from ldt_core.cli.options import (
     Command,
+    declared_option,
     json_option,
     namespace_option,
     out_option,
@@ -25,6 +26,7 @@ from ldt_core.cli.progress import RunProgress, interrupted_run, print_summaries
 @click.argument("recording")
 @out_option
 @force_option
+@declared_option("only")
 @namespace_option
 @preset_option
 @json_option
@@ -34,6 +36,7 @@ def command(
     recording: str,
     out: str,
     force: bool,
+    only: str,
     namespace: str,
     as_json: bool,
 ) -> None:
@@ -53,13 +56,13 @@ def command(
 
     machine = load_machine(settings["machine"])
     rate = 1.0 if settings["real_time"] else parse_rate(settings["rate"])
-    played = read_bag(recording, namespace)
+    played = read_bag(recording, namespace, only=only)
     summary = Summary()
     with stop_on_signals() as stop, replacing(out, force, [recording]):
         with RunProgress({machine.name: None}) as progress:
             offline.run(
                 machine,
-                {**settings, "play": recording, "play_namespace": namespace},
+                {**settings, "play": recording, "play_namespace": namespace, "only": only},
                 paced(played.experiments(refused=summary.reject), rate, stop),
                 out,
                 partial(progress.show_step, machine.name),

@@ -89,7 +89,7 @@ def _conduct(settings: dict[str, Any], no_bag: bool, stop: Stop) -> list[tuple[s
             summary = Summary()
             experiments: Iterable[Experiment] | Callable[[int], Iterable[Experiment]]
             if own["play"]:
-                played = read_bag(own["play"], own["play_namespace"])
+                played = read_bag(own["play"], own["play_namespace"], only=own["only"])
                 experiments = played.experiments(refused=summary.reject)
             else:
                 begin = own["start_time"]

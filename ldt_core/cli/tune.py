@@ -6,7 +6,14 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ldt_core.cli.options import Command, compute_options, json_option, namespace_option, parameters
+from ldt_core.cli.options import (
+    Command,
+    compute_options,
+    declared_option,
+    json_option,
+    namespace_option,
+    parameters,
+)
 from ldt_core.cli.outputs import check_results, force_option, no_empty_folder
 from ldt_core.cli.spelling import SuggestingChoice
 from ldt_core.cli.terminal import echo, echo_json, warn
@@ -58,6 +65,7 @@ DETECTORS = ("threshold", "lddm", "window", "adequacy")
 )
 @force_option
 @compute_options
+@declared_option("only")
 @namespace_option
 @json_option
 @parameters("machine", "model", "adaptor")
@@ -73,6 +81,7 @@ def command(
     force: bool,
     jobs: int,
     scheduler: str,
+    only: str,
     namespace: str,
     as_json: bool,
 ) -> None:
@@ -106,7 +115,7 @@ def command(
 
     style.require()
     budget = Budget(adaptations, false_alarms_every)
-    bag = read_bag(recording, namespace)
+    bag = read_bag(recording, namespace, only=only)
 
     def begins(matter: str) -> None:
         if not is_of(out, matter):

@@ -20,7 +20,7 @@ from ldt_core.base.experiment import (
 )
 from ldt_core.base.sentences import counted, numbered, some
 from ldt_core.recording.codec import DECODERS, Record, decode_cdr
-from ldt_core.recording.experiment_numbers import ExperimentNumbers
+from ldt_core.recording.experiment_numbers import ExperimentNumbers, parse_selection
 from ldt_core.recording.messages import deserialize, quoted
 from ldt_core.recording.run_settings import KEY, Setting, parse_settings
 from ldt_core.recording.storage import RawMessage, Storage
@@ -47,10 +47,12 @@ class Bag:
     Args:
         storage: the files.
         namespace: of the machine ("/machine_1"), "" for the root.
+        only: experiments that `experiments` gives, as of `parse_selection`; "" for all.
     """
 
-    def __init__(self, storage: Storage, namespace: str) -> None:
+    def __init__(self, storage: Storage, namespace: str, only: str = "") -> None:
         self.storage, self.namespace = storage, namespace
+        self._chosen = parse_selection(only) if only else None
         self.path = storage.path
         self._place = str(storage.path)
         #: Absolute topic → message type, of this machine and of no machine (`/diagnostics`).
@@ -244,7 +246,7 @@ class Bag:
             refused: as of `usable`.
 
         Raises:
-            RecordingError: the recording has no experiments.
+            RecordingError: the recording has no experiments, or none of those chosen.
             ExperimentError: nothing but messages that are no experiment, or experiments that the
                 machine cannot have made; says the first.
         """
@@ -257,6 +259,8 @@ class Bag:
             if experiment.number in seen:
                 repeated.add(experiment.number)
             seen.add(experiment.number)
+            if self._chosen is not None and experiment.number not in self._chosen:
+                continue
             if machine is not None:
                 try:
                     machine.check(experiment)
@@ -270,6 +274,9 @@ class Bag:
         if not seen:
             where = f"{self.path}, {self.topic('experiment')}"
             raise RecordingError(where, "experiments", f"none{_because(self.storage)}")
+        if not kept and why is None:
+            there = numbered("experiment", seen.spans, MAX_LISTED_SPANS)
+            raise RecordingError(f"{self.path}, --only", f"some of {there}", "none of them")
         if why is not None:
             if not kept:
                 raise why
@@ -285,7 +292,9 @@ class Bag:
             self.storage.note(f"{self.path}: missing: {told}")
 
 
-def read_bag(path: str | Path, namespace: str | None = None, listed: bool = False) -> Bag:
+def read_bag(
+    path: str | Path, namespace: str | None = None, listed: bool = False, only: str = ""
+) -> Bag:
     """Open a recording.
 
     Args:
@@ -293,8 +302,10 @@ def read_bag(path: str | Path, namespace: str | None = None, listed: bool = Fals
         namespace: which machine, with or without its leading slash; "/" is the root; None or ""
             when there is only one.
         listed: as of `Storage`.
+        only: as of `Bag`.
 
     Raises:
+        OptionError: `only` names no numbers.
         RecordingError: nothing there, empty, foreign, several machines, or no such one.
     """
     storage = Storage(path, listed)
@@ -310,12 +321,12 @@ def read_bag(path: str | Path, namespace: str | None = None, listed: bool = Fals
             raise RecordingError(
                 path, "one machine, or a namespace to choose one (--namespace)", f"{shown}"
             )
-        return Bag(storage, machines[0])
+        return Bag(storage, machines[0], only)
     wanted = "/" + namespace.strip("/") if namespace.strip("/") else ""
     if wanted not in machines:
         shown = some([m or "/" for m in machines])
         raise RecordingError(path, f"a machine under {wanted or '/'}", f"only {shown}")
-    return Bag(storage, wanted)
+    return Bag(storage, wanted, only)
 
 
 def read_twin_run(path: str | Path, namespace: str | None = None) -> Bag:

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import bisect
 import json
+import re
+import sys
 from collections.abc import Iterable, Iterator
 from typing import Any, Self
 
+from ldt_core.base.errors import OptionError
 from ldt_core.base.sentences import Span
 
 #: Experiments that may be missing at once: eleven days of one a second. Beyond, numbers jump.
 MOST_JUMP = 1_000_000
+STRETCH = re.compile(r"([0-9]{1,18})(?:(-)([0-9]{1,18})?)?")  # numbers as a user names them
 
 
 class ExperimentNumbers:
@@ -83,6 +87,27 @@ class ExperimentNumbers:
         if low < high:
             first, last = min(first, self._first[low]), max(last, self._last[high - 1])
         self._first[low:high], self._last[low:high] = [first], [last]
+
+
+def parse_selection(text: str) -> ExperimentNumbers:
+    """The numbers that a user names; a stretch may have no end.
+
+    Raises:
+        OptionError: no such text.
+
+    >>> parse_selection("3-5, 8").spans, 10**9 in parse_selection("21-")
+    ([(3, 5), (8, 8)], True)
+    """
+    chosen = ExperimentNumbers()
+    for part in text.split(","):
+        found = STRETCH.fullmatch(part.strip())
+        first, dash, last = found.groups() if found else ("", "", "")
+        stretch = int(first or 0), int(last or (sys.maxsize if dash else first or 0))
+        if not 0 < stretch[0] <= stretch[1]:
+            expected = "numbers of experiments, such as 1-20,25 or 21-"
+            raise OptionError("--only", expected, repr(text))
+        chosen.take(ExperimentNumbers([stretch]))
+    return chosen
 
 
 def numbers_text(numbers: dict[str, ExperimentNumbers], files: int) -> str:

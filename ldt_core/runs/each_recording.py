@@ -40,6 +40,7 @@ class Options:
     refit: tuple[str, ...] | None = None
     holdout: float = HOLDOUT
     seed: int = 0
+    only: str = ""
 
 
 @dataclass(frozen=True)
@@ -151,7 +152,7 @@ def _diagnosed(task: RecordingTask) -> DiagnosisTexts:
 
     options, machine = task.options, task.machine
     effects = library(machine, options.more, options.without)
-    bag = read_bag(task.recording, options.namespace)
+    bag = read_bag(task.recording, options.namespace, only=options.only)
     found = diagnose(
         machine,
         list(HeldSamples().of(bag, machine)),

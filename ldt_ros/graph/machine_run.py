@@ -190,7 +190,7 @@ def machine_runs(settings: Mapping[str, Any]) -> list[MachineRun]:
     MODELS.require(settings["model"])
     DETECTORS.require(settings["detector"])
     if settings["play"]:
-        read_bag(settings["play"], settings["play_namespace"])
+        read_bag(settings["play"], settings["play_namespace"], only=settings["only"])
     if settings["source"] and (settings["play"] or settings["stream"]):
         raise BadInput("source", "no play and no stream beside it", settings["source"])
     if settings["stream"] == "only":

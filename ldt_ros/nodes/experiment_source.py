@@ -349,7 +349,8 @@ class PlayerNode(LdtNode):
 
     def __init__(self, **node_arguments: Any) -> None:
         super().__init__("player", "machine", "player", *GROUPS, **node_arguments)
-        played = read_bag(self.settings["play"], self.settings["play_namespace"])
+        recording, namespace, only = (self.settings[n] for n in ("play", "play_namespace", "only"))
+        played = read_bag(recording, namespace, only=only)
         if odd := played.other_machine(self.machine):
             self.get_logger().warning(odd)
         experiments = played.experiments(refused=lambda e: self.topics.reject("experiment", e))

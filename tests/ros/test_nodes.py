@@ -394,6 +394,17 @@ def test_a_source_that_is_stopped_does_not_say_that_it_has_finished(stranger, tm
     assert not node.stopped
 
 
+def test_the_player_sends_the_chosen_experiments_alone(stranger, tmp_path):
+    """By their numbers, to the last one."""
+    stranger.listen("experiment", "/diagnostics")
+    stranger.start(PlayerNode, play=written(tmp_path / "bag", 1, 2, 3, 4), only="2,4-")
+    stranger.until(lambda: stranger.numbers("experiment") == [2])
+    stranger.send("adaptation", adaptation(2))
+    stranger.until(lambda: stranger.numbers("experiment") == [2, 4])
+    stranger.send("adaptation", adaptation(4))
+    stranger.until(lambda: stranger.health("player").get("finished") == "true")
+
+
 @pytest.mark.parametrize("name", ["rotor", "press"])
 def test_the_player_says_where_a_recording_is_of_another_machine(stranger, tmp_path, name):
     """In the graph's log, and plays it."""
