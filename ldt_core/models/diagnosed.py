@@ -66,7 +66,8 @@ class DiagnosedModel(Model):
     parameter], the best one first.
 
     Args (and those of `Model`):
-        cause: name of the effect, or file.py:NAME, or "auto" for what diagnoses name.
+        cause: name of the effect, file.py:NAME or the effect itself, or "auto" for what diagnoses
+            name.
 
     Raises:
         OptionError: no such effect, or one that this machine cannot have.
@@ -82,7 +83,7 @@ class DiagnosedModel(Model):
         version: int = 0,
         trained_on: Sequence[int] = (),
         *,
-        cause: str = "unbalance",
+        cause: str | Effect = "unbalance",
     ) -> None:
         if cause != AUTO:
             _require(machine, cause)
@@ -93,8 +94,8 @@ class DiagnosedModel(Model):
 
     def untrained(self) -> dict[str, Any]:
         """The machine file's physics and an effect that changes nothing."""
-        name = self.options["cause"]
-        return self._unlearned(None if name == AUTO else name)
+        cause = self.options["cause"]
+        return self._unlearned(None if cause == AUTO else _name(cause))
 
     def _unlearned(self, name: str | None) -> dict[str, Any]:
         neutral = self._own_effect(name).neutral if name else {}
@@ -103,6 +104,9 @@ class DiagnosedModel(Model):
 
     def _own_effect(self, name: str) -> Effect:
         """As a change of what is known of the machine."""
+        cause = self.options["cause"]
+        if name == _name(cause) and not isinstance(cause, str):
+            return cause
         known = name in self.machine.acting
         return self.machine.effect(name) if known else _cached_effect(name)
 
@@ -139,7 +143,7 @@ class DiagnosedModel(Model):
         self.seen: list[FoundAngle] = []
         if name is None and self.asks_for_diagnosis and record["noise_std"] is None:
             return
-        if name != self.options["cause"] and name not in EFFECTS.names():
+        if name != _name(self.options["cause"]) and name not in EFFECTS.names():
             raise ValueError(f"effect {name!r}, which is not known")  # a record names no files
         self.effect = self._own_effect(name)
         self.effect.require(self.machine.model)
@@ -295,8 +299,12 @@ class DiagnosedModel(Model):
         return {"machine": self.parameters["machine"], "cause": found}
 
 
-def _require(machine: Machine, name: str) -> None:
-    effect = _cached_effect(name)
+def _name(cause: str | Effect) -> str:
+    return cause if isinstance(cause, str) else cause.name
+
+
+def _require(machine: Machine, cause: str | Effect) -> None:
+    name, effect = _name(cause), _cached_effect(cause) if isinstance(cause, str) else cause
     try:
         effect.require(machine.model)
     except OptionError as error:

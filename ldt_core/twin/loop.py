@@ -57,7 +57,7 @@ class Twin:
             each experiment [rad/s]. None is the default, `adequacy`.
         preset: "paper" for the paper's configuration instead of the defaults.
         settings: further options of `ldt run` for model, detector, adaptor, diagnosis and advice,
-            with their Python names (`error_threshold=0.5`).
+            with their Python names (`error_threshold=0.5`). `cause` may be an effect itself.
 
     Raises:
         OptionError: an unknown model, detector, preset or setting, or arguments that they refuse.
@@ -77,8 +77,9 @@ class Twin:
         known = Machine(machine)
         by_name = {"model": model, "detector": detector}
         named = {name: given for name, given in by_name.items() if isinstance(given, str)}
+        cause = {"cause": settings.pop("cause")} if _is_effect(settings.get("cause")) else {}
         given = {**preset_of(preset), **settings, **named}
-        self.settings: Mapping[str, Any] = resolve(given, *GROUPS)
+        self.settings: Mapping[str, Any] = resolve(given, *GROUPS) | cause
         first = build_model(
             self.settings["model"] if model is None else model, known, self.settings
         )
@@ -226,6 +227,12 @@ def build_advisor(machine: Machine, settings: Mapping[str, Any]) -> Advisor:
     from ldt_core.twin.advisor import Advisor  # as above
 
     return Advisor(machine, settings)
+
+
+def _is_effect(given: object) -> bool:
+    from ldt_core.physics.effect import Effect
+
+    return isinstance(given, Effect)
 
 
 def build_adaptor(model: Model, settings: Mapping[str, Any]) -> Adaptor:

@@ -20,6 +20,7 @@ import ldt_core as ldt
 from ldt_core.cli import invoke
 from ldt_core.cli import ldt as command
 from ldt_core.detectors.threshold import Threshold
+from ldt_core.effects import get_effect
 from ldt_core.models.linear import LinearModel
 
 FEW = ["--machine", "dc_motor", "--experiments", "6", "--seed", "3"]
@@ -195,6 +196,22 @@ def test_a_detector_object_of_river_is_fed_with_the_largest_errors(worn):
     assert [s.signal.statistics["input"] for s in steps] == [s.signal.max_error for s in steps]
     with pytest.raises(ldt.BadInput, match="river_detector=DDM and input=errors"):
         ldt.Twin("dc_motor", detector=drift.binary.DDM())
+
+
+def test_the_cause_may_be_an_effect_of_ones_own(worn):
+    """It learns what the library's learns, under its own name; a model can be kept."""
+    mine = dataclasses.replace(get_effect("coulomb_friction"), name="my_friction")
+    chosen = {"model": "diagnosed", "detector": "threshold", "threshold": 0.5}
+    own = ldt.run(worn[:3], "dc_motor", cause=mine, **chosen)
+    named = ldt.run(worn[:3], "dc_motor", cause="coulomb_friction", **chosen)
+    assert own.mme == pytest.approx(named.mme, rel=1e-9)
+    assert own.mme < 0.8 * own.mme_original
+    model = own.twin.model
+    assert model.parameters["cause"]["effect"] == "my_friction"
+    assert type(model).from_record(model.record(), model.machine, cause=mine).version > 0
+    assert copy.deepcopy(model).effect is mine
+    with pytest.raises(ldt.BadInput, match="cause: expected a word"):
+        ldt.run(worn, "dc_motor", cause=7, **chosen)
 
 
 def test_a_twin_steps_by_hand(worn, run):
