@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from ldt_core.models.base import Model
     from ldt_core.notebook.fitted_machine import FittedMachine, calibrate
     from ldt_core.notebook.gap_diagnosis import GapDiagnosis, diagnose
-    from ldt_core.notebook.recorded_experiments import Recording, read
+    from ldt_core.notebook.recorded_experiments import Recording, read, write
     from ldt_core.notebook.simulated_experiments import simulate
     from ldt_core.notebook.twin_run import TwinRun, run
     from ldt_core.physics.base import Physics
@@ -60,6 +60,7 @@ __all__ = [
     "read",
     "run",
     "simulate",
+    "write",
 ]
 
 #: Module → what is public of it.
@@ -74,7 +75,7 @@ _NAMES = {
     "notebook.fitted_machine": ("FittedMachine", "calibrate"),
     "notebook.gap_diagnosis": ("GapDiagnosis", "diagnose"),
     "notebook.twin_run": ("TwinRun", "run"),
-    "notebook.recorded_experiments": ("Recording", "read"),
+    "notebook.recorded_experiments": ("Recording", "read", "write"),
     "notebook.simulated_experiments": ("simulate",),
     "physics.base": ("Physics",),
     "physics.effect": ("Effect",),

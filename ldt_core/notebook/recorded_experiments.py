@@ -1,4 +1,4 @@
-"""Recordings as objects: `read`; and what stands for recordings and machines as arguments."""
+"""Recordings as objects: `read`, `write`; and what stands for them and for machines."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from ldt_core.base.experiment import Action, Experiment, Prediction, Step
 from ldt_core.machine.machine_file import Machine
 from ldt_core.recording.bag import Bag, read_bag
 from ldt_core.recording.held_samples import HeldSamples
+from ldt_core.recording.writer import BagWriter
 from ldt_core.restart.recorded_run import BESIDE, said_at, said_beside
 from ldt_core.twin.adaptor import ROLLED_BACK
 from ldt_core.twin.stage import RecordedStep
@@ -154,6 +155,35 @@ def read(path: str | os.PathLike[str], namespace: str | None = None) -> Recordin
     return Recording(list(HeldSamples().of(bag)), bag, os.fspath(path))
 
 
+def write(
+    recording: ExperimentsLike, path: str | os.PathLike[str], machine: MachineLike | None = None
+) -> None:
+    """Write experiments as a recording, which every command and `read` take.
+
+    Args:
+        recording: experiments, in the order in which they were measured.
+        path: of the folder to make.
+        machine: of which they are, to be named in the recording; None says nothing.
+
+    Raises:
+        RecordingError: the folder exists, or cannot be made.
+        ArgumentTypeError: no experiments, not a path, or no machine.
+        MachineFileError: no such machine, or a file that cannot be used.
+        LdtError: the disk is full or fails.
+    """
+    order = "first experiments (a list of ldt.Experiment), then the folder to make"
+    if not isinstance(path, str | os.PathLike):
+        got = f"{described(recording)}, then {described(path)}"
+        raise ArgumentTypeError("arguments", order, got)
+    found = _experiments(recording, order)
+    if not found:
+        raise ArgumentTypeError("recording", "experiments", "none")
+    name = "" if machine is None else Machine(machine).name
+    with BagWriter(Path(path), name) as writer:
+        for experiment in found:
+            writer.write("experiment", experiment, experiment.end)
+
+
 def described_experiment(experiment: Experiment) -> dict[str, Any]:
     """Its number, start [s since the epoch], duration [s], sample period [s] and samples."""
     return {
@@ -211,18 +241,23 @@ def measured(recording: ExperimentsLike, machine: MachineLike) -> tuple[Recordin
         got = f"{described(recording)}, then {described(machine)}"
         raise ArgumentTypeError("arguments", order, got)
     known = Machine(machine)
+    return _experiments(recording, order), known
+
+
+def _experiments(recording: ExperimentsLike, order: str) -> Recording:
+    """Those that are meant; `order` says which arguments are expected."""
     if isinstance(recording, Recording):
-        return recording, known
+        return recording
     if isinstance(recording, str | os.PathLike):
-        return read(recording), known
-    if not isinstance(recording, Iterable):
+        return read(recording)
+    if isinstance(recording, Experiment | Machine) or not isinstance(recording, Iterable):
         raise ArgumentTypeError("arguments", order, f"first {described(recording)}")
     found = list(recording)
     for place, one in enumerate(found):
         if not isinstance(one, Experiment):
             where = f"recording, item {place}"
             raise ArgumentTypeError(where, "an ldt.Experiment", described(one))
-    return Recording(found), known
+    return Recording(found)
 
 
 def possible(recording: ExperimentsLike, machine: MachineLike) -> tuple[Recording, Machine]:

@@ -198,6 +198,35 @@ def test_a_detector_object_of_river_is_fed_with_the_largest_errors(worn):
         ldt.Twin("dc_motor", detector=drift.binary.DDM())
 
 
+def test_arrays_are_written_as_a_recording_that_commands_read(worn, tmp_path, capsys):
+    """What is read is what was written, current included; no folder is replaced."""
+    arrays = np.linspace(0.0, 1.0, 300)
+    made = ldt.Experiment(1, 2.0, 0.01, voltage=arrays, speed=arrays**2, current=arrays**3)
+    ldt.write([made], tmp_path / "made", "dc_motor")
+    again = ldt.read(tmp_path / "made")
+    assert (len(again), again.machine, again.notes) == (1, "dc_motor", [])
+    assert dataclasses.asdict(again[0]).keys() == dataclasses.asdict(made).keys()
+    for channel in ("voltage", "speed", "current"):
+        assert np.array_equal(getattr(again[0], channel), getattr(made, channel))
+    ldt.write(worn[2:4], str(tmp_path / "some"))
+    assert invoke(command, ["info", str(tmp_path / "some")]) == 0
+    assert "experiments  2, numbers 3" in capsys.readouterr().out
+    for wrong, words in (
+        (lambda: ldt.write([made], tmp_path / "made"), "a folder that does not exist yet"),
+        (lambda: ldt.write(made, tmp_path / "new"), "then the folder to make"),
+        (
+            lambda: ldt.write("new", [made]),
+            "expected first experiments .* got 'new', then",
+        ),
+        (lambda: ldt.write([], tmp_path / "new"), "recording: expected experiments, got none"),
+        (lambda: ldt.write([arrays], tmp_path / "new"), "item 0: expected an ldt.Experiment"),
+        (lambda: ldt.write([made], tmp_path / "new", "no_such"), "machine: expected"),
+    ):
+        with pytest.raises(ldt.BadInput, match=words):
+            wrong()
+    assert not (tmp_path / "new").exists()
+
+
 def test_the_cause_may_be_an_effect_of_ones_own(worn):
     """It learns what the library's learns, under its own name; a model can be kept."""
     mine = dataclasses.replace(get_effect("coulomb_friction"), name="my_friction")
