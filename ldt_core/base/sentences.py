@@ -89,7 +89,12 @@ def confident(confidence: float) -> str:
     >>> confident(0.874), confident(0.9975)
     ('Confidence: 87%.', 'Confidence: above 99%.')
     """
-    return f"Confidence: {'above 99%' if confidence > 0.99 else f'{confidence:.0%}'}."
+    return f"Confidence: {certainty(confidence)}."
+
+
+def certainty(confidence: float) -> str:
+    """A confidence in per cent, never 100."""
+    return "above 99%" if confidence > 0.99 else f"{confidence:.0%}"
 
 
 def counted(number: int, thing: str) -> str:

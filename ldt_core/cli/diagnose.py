@@ -10,7 +10,7 @@ import click
 from rich.table import Table
 
 from ldt_core.base.printable import one_line
-from ldt_core.base.sentences import confident, listed
+from ldt_core.base.sentences import certainty, confident, listed
 from ldt_core.base.settings import HOLDOUT, as_options
 from ldt_core.cli.completion import known
 from ldt_core.cli.console import Console
@@ -229,7 +229,7 @@ def _row(a: RecordingAnswer) -> list[str]:
     closed = "" if gap["closed_fraction"] is None else f"{gap['closed_fraction']:.1%}"
     was, now = gap["before"]["rmse"], gap["after"]["rmse"]
     change = f"{was:.3g}" if was == now else f"{was:.3g} to {now:.3g}"
-    sure = f"{verdict['confidence']:.0%}"
+    sure = certainty(verdict["confidence"])
     return [a.recording, verdict["kind"], effects, sure, closed, change]
 
 

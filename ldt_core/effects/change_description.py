@@ -43,8 +43,8 @@ def change_of(
     }
     if len(effect.parameters) == 1:
         (p,) = effect.parameters
-        factor = "a factor of " if p.default == 1 and not p.unit else ""
-        return f"{name} has {_way(before[p.name], after[p.name])} {factor}{told[p.name]}"
+        what = "" if p.unit else f"a {p.name} of "
+        return f"{name} has {_way(before[p.name], after[p.name])} {what}{told[p.name]}"
     parts = [f"{spoken(name)} {amount}" for name, amount in told.items()]
     return f"{name} has changed to {', '.join(parts)}"
 

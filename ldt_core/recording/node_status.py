@@ -15,6 +15,7 @@ REJECTED = "rejected "  # how the keys begin under which a node counts what it r
 LEFT_OUT = "left out, "  # the same, for samples that became part of no experiment
 WRONG_STREAM = "wrong with the stream"  # key of a segmenter: what its user can mend
 WRONG_RECORDING = "wrong with the recording"  # key of a recorder that cannot write now: why
+LITTLE_ROOM = "little room"  # key of a recorder whose disk is nearly full: how much there is
 INTERRUPTIONS = "interruptions"  # key of a recorder: how often it could not write
 LAST_INTERRUPTION = "last interruption"  # why, the last time
 LAST_REJECTION = "last rejection"

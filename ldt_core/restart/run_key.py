@@ -46,7 +46,7 @@ def key_text(machine: Machine, settings: Mapping[str, Any]) -> str:
         settings: parameters of the run, those at least that name parts.
     """
     key = {MACHINE: _digest(machine), "physics": machine.physics, **code_version()}
-    key[CONTENT] = json.dumps(machine.as_dict())
+    key[CONTENT] = json.dumps(machine.as_dict(), sort_keys=True)
     files = own_files(machine, settings).items()
     return json.dumps(key | {f"{OWN_FILE}{name}": digest for name, digest in files})
 
@@ -138,7 +138,7 @@ def _differences(recorded: str, machine: Machine) -> list[str]:
     now = dict(_leaves(json.loads(json.dumps(machine.as_dict()))))
     return [
         f"{one_line(name)} is {_told(now, name)}, was {_told(was, name)}"
-        for name in was | now
+        for name in now | was
         if now.get(name) != was.get(name)
     ]
 

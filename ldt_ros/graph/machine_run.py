@@ -273,6 +273,7 @@ def write_parameters(run: MachineRun, folder: Path, **others: str) -> str:
     folder.mkdir(mode=0o700, exist_ok=True)  # a cleaner of /tmp takes what is old
     defaults = {n: d["default"] for n, d in msgs_config.parameters().items()}
     values = {n: v for n, v in run.settings.items() if v != defaults[n]}
+    values["experiments"] = run.settings["experiments"]  # a segmenter that is told none has no end
     if run.settings["machine"] not in msgs_config.machine_names():
         machine = folder / f"{file_name(run.name)}.machine.yaml"
         result_files.write(machine, yaml.safe_dump(run.machine.as_dict(), allow_unicode=True))

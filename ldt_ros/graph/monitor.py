@@ -21,6 +21,7 @@ from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Adaptation, Signal
 from ldt_core.recording.experiment_numbers import ExperimentNumbers
 from ldt_core.recording.node_status import (
+    LITTLE_ROOM,
     REFUSED,
     WRONG_RECORDING,
     WRONG_STREAM,
@@ -129,8 +130,9 @@ class Monitor(Node):
         """Take note of what a node of the machine tells of itself."""
         self.health[told.role] = told
         self.statements[told.role] += 1
-        if words := told.values.get(WRONG_STREAM):
-            self._warn(told.role, words)
+        for key in (WRONG_STREAM, LITTLE_ROOM):
+            if words := told.values.get(key):
+                self._warn(told.role, words)
         if told.role == "recorder":
             self._follow_recording(told)
         if told.role in SOURCES:

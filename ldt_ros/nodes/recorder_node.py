@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import shutil
 import threading
 import time
 from collections import Counter, deque
@@ -14,10 +15,12 @@ from rclpy.timer import Timer
 
 import msgs_config
 from ldt_core.base.errors import LdtError
+from ldt_core.doctor.computer_checks import LOW_DISK, MIB
 from ldt_core.recording.node_status import (
     HEALTH_TOPIC,
     INTERRUPTIONS,
     LAST_INTERRUPTION,
+    LITTLE_ROOM,
     WRONG_RECORDING,
 )
 from ldt_core.recording.run_settings import parse_settings
@@ -119,6 +122,7 @@ class RecorderNode(LdtNode):
     | any recorded topic | written with the time it arrived, by a thread; kept at most 0.25 s |
     | more than 2000, or 256 MB, while the medium is slow | the newest is left out and counted |
     | the same once more, of a node that was started again | left out, counted |
+    | less than 1 GiB is free | told, before the disk is full |
     | a write fails (disk full) | told, logged once; what was written stays; the twin goes on |
     | there is room again | a new file of the recording; the last 100 of each topic are asked for |
     """
@@ -171,6 +175,8 @@ class RecorderNode(LdtNode):
         if self.writer.failure is not None:
             self._interrupted(self.writer.failure)
             values[WRONG_RECORDING] = self._stopped()
+        elif words := self._little_room():
+            values[LITTLE_ROOM] = words
         if self._interruption is not None:
             values[INTERRUPTIONS] = self._interruptions
             values[LAST_INTERRUPTION] = self._interruption
@@ -180,11 +186,21 @@ class RecorderNode(LdtNode):
         """Why nothing is recorded now, and what is lacking since the medium was too slow."""
         lost = self.backlog.dropped.total()
         slow = f"{lost} messages not recorded: the medium is too slow" if lost else ""
-        return "; ".join(filter(None, [self._stopped(), slow]))
+        return "; ".join(filter(None, [self._stopped() or self._little_room(), slow]))
 
     def _stopped(self) -> str:
         failure = self.writer.failure
         return f"{failure}; it goes on by itself once it can" if failure else ""
+
+    def _little_room(self) -> str:
+        """That the disk will soon be full, "" while it has room."""
+        try:
+            free = shutil.disk_usage(self.writer.path).free
+        except OSError:  # the folder has gone, which whoever writes notices
+            return ""
+        if free >= LOW_DISK:
+            return ""
+        return f"only {free // MIB} MiB are free where {self.writer.path} is: make room"
 
     @property
     def patience(self) -> float:

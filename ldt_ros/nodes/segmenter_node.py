@@ -15,6 +15,7 @@ from rclpy.subscription import Subscription
 from ldt_core.base.errors import LdtError, OptionError, RecordingError
 from ldt_core.base.experiment import Experiment
 from ldt_core.base.sentences import few
+from ldt_core.base.settings import ENDLESS
 from ldt_core.base.units import parse_field
 from ldt_core.recording.message_fields import number_in, parse_field_path
 from ldt_core.recording.node_status import LEFT_OUT, WRONG_STREAM, NodeStatus
@@ -214,6 +215,9 @@ class SegmenterNode(LdtNode):
         self._before, _ = self.recording.last_of("experiment", END)
         self._sent = self._last = self._before
         self._sent_at = 0.0
+        given = "experiments" in getattr(self, "_parameter_overrides", {})
+        #: A machine that streams has no last experiment, unless somebody says so.
+        self._most = self.settings["experiments"] if given else ENDLESS
         self._silent = self._looks = 0
         self.create_timer(LOOK_PERIOD, self._look, clock=self.steady)
         self._look()
@@ -383,6 +387,6 @@ class SegmenterNode(LdtNode):
             self._publisher.publish(to_message(replace(experiment, number=self._last)))
             self._sent += 1
             self._sent_at = time.monotonic()
-            if self._sent >= self.settings["experiments"]:
+            if self._sent >= self._most:
                 self.finished = True
                 self.report.tell()

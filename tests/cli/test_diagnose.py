@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from ldt_core.base.experiment import Experiment
 from ldt_core.cli import invoke, ldt, predict
-from ldt_core.cli.diagnose import command
+from ldt_core.cli.diagnose import _row, command
 from ldt_core.cli.simulate import command as simulate
 from ldt_core.effects import EFFECTS, parse_effect
 from ldt_core.machine.machine_file import load_machine
 from ldt_core.recording.bag import read_bag
 from ldt_core.recording.writer import BagWriter
+from ldt_core.runs.each_recording import RecordingAnswer
 
 #: Figures are drawn for this module's cases alone.
 pytestmark = pytest.mark.usefixtures("in_one_layout", "undrawn")
@@ -297,6 +299,14 @@ def test_each_goes_on_where_it_was_and_says_what_failed(each, capfd, monkeypatch
     kinds = [a["diagnosis"] and a["diagnosis"]["verdict"]["kind"] for a in json.loads(text)]
     assert kinds == ["effect", "none", None]
     assert [a["recording"] for a in json.loads(text)] == bags
+
+
+def test_no_confidence_is_called_100_per_cent():
+    """A diagnosis of the same recording alone says "above 99%"."""
+    verdict = {"kind": "effect", "acting": [["inertia"]], "confidence": 0.997}
+    gap = {"closed_fraction": 0.9, "before": {"rmse": 1.0}, "after": {"rmse": 0.1}}
+    row = _row(RecordingAnswer("bag", Path("out"), {"verdict": verdict, "gap": gap}))
+    assert row[3] == "above 99%"
 
 
 def test_each_ends_with_a_table_of_verdicts(each, capfd):

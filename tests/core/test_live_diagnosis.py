@@ -375,6 +375,12 @@ def test_a_named_cause_is_not_changed_by_a_verdict():
         ),
         ("inertia", {"factor": 1.0}, {"factor": 0.8}, "inertia has fallen to a factor of 0.8"),
         (
+            "open_circuit",
+            {"share": 0.0},
+            {"share": 0.9},
+            "open circuit has grown to a share of 0.9",
+        ),
+        (
             "asymmetric_friction",
             {"torque_forward": 0.0, "torque_backward": 0.0},
             {"torque_forward": 0.05, "torque_backward": 0.02},

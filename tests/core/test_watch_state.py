@@ -144,6 +144,19 @@ def test_a_model_that_is_no_good_comes_before_one_that_holds():
     assert order == ["/changed", "/inadequate", "/learning", "/holds"]
 
 
+def test_the_trouble_of_a_graph_goes_with_it():
+    """A line about a full disk would stand there for days, beside "not running"."""
+    clock = Clock()
+    fleet = Fleet(True, clock)
+    feed(fleet, "", 1)
+    fleet.feed("", "/diagnostics", health("recorder", message="the disk is full"))
+    fleet.feed("", "/diagnostics", health("plant", stopped="true"))
+    assert fleet.overview()["machines"][0]["trouble"] == "recorder: the disk is full"
+    clock.now += SILENT_AFTER + 1
+    assert fleet.overview()["machines"][0]["trouble"] == ""
+    assert not any(node["warns"] for node in fleet.machine("/")["nodes"])
+
+
 def test_a_graph_that_has_ended_is_not_in_trouble():
     """Nor is one that is played back: its nodes are not there."""
     clock = Clock()

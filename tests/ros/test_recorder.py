@@ -6,6 +6,7 @@ import resource
 import signal
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -25,6 +26,7 @@ rclpy = pytest.importorskip("rclpy")
 from stranger import LENGTH, PERIOD, experiment  # noqa: E402
 
 from ldt_ros.nodes.interfaces import to_message  # noqa: E402
+from ldt_ros.nodes.recorder_node import RecorderNode  # noqa: E402
 
 LIMIT = 200_000  # bytes; the disk is full then
 
@@ -123,6 +125,26 @@ def test_a_full_disk_is_counted_and_what_came_meanwhile_is_recorded_once_there_i
     bag = read_bag(tmp_path / "bag")
     assert sorted(e.number for e in bag.experiments()) == list(range(1, sent + 1))
     assert bag.notes == []
+
+
+def test_a_disk_that_is_nearly_full_is_told_before_it_is(stranger, tmp_path, monkeypatch, monitor):
+    """By the recorder, and once by the run, however little is left later."""
+    free = SimpleNamespace(free=500 * 2**20)
+    monkeypatch.setattr("ldt_ros.nodes.recorder_node.shutil.disk_usage", lambda place: free)
+    stranger.listen("/diagnostics")
+    node = stranger.start(RecorderNode, bag=str(tmp_path / "bag"))
+    words = f"only 500 MiB are free where {tmp_path / 'bag'} is: make room"
+    stranger.until(lambda: stranger.health("recorder").get("message") == words)
+    assert stranger.health("recorder")["level"] == 1
+    ear, _ = monitor
+    told: list[str] = []
+    ear.on_warning = lambda role, words: told.append(f"{role}: {words}")
+    for _ in range(2):
+        ear.hear(NodeStatus("recorder", words, {k: str(v) for k, v in node.health().items()}))
+        free.free -= 2**20
+    assert told == [f"recorder: {words}"]
+    free.free = 2**31
+    assert not node.complaint()
 
 
 def test_a_run_says_at_once_that_nothing_is_recorded_any_more(monitor, monkeypatch):

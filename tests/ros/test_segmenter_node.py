@@ -5,9 +5,11 @@ from __future__ import annotations
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from ldt_core.base.experiment import Experiment
 from ldt_core.base.settings import resolve
@@ -23,9 +25,11 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy  # noqa: E
 from sensor_msgs.msg import JointState  # noqa: E402
 from std_msgs.msg import Float64, String  # noqa: E402
 from stranger import adaptation, log_of, written  # noqa: E402
+from stranger import experiment as numbered  # noqa: E402
 
 from ldt_core.base.errors import OptionError  # noqa: E402
 from ldt_core.recording.node_status import WRONG_STREAM  # noqa: E402
+from ldt_ros.graph.machine_run import machine_runs, write_parameters  # noqa: E402
 from ldt_ros.nodes import segmenter_node  # noqa: E402
 from ldt_ros.nodes.experiment_source import PlantNode, PlayerNode, exact_stamp  # noqa: E402
 from ldt_ros.nodes.segmenter_node import Feed, SegmenterNode  # noqa: E402
@@ -41,6 +45,17 @@ def plain(experiments: list[Experiment]) -> list[tuple]:
         (e.number, e.start, e.period, e.voltage.tobytes(), e.speed.tobytes(), e.current is None)
         for e in experiments
     ]
+
+
+def test_a_stream_has_no_end_unless_somebody_says_so(stranger, tmp_path):
+    """A service ended after 200 experiments; a run that wants 200 says so to its node."""
+    node = stranger.start(SegmenterNode, **SHORT)
+    node._sent = 199
+    node._publish([numbered(200), numbered(201)])
+    assert (node._sent, node.finished) == (201, False)
+    (run,) = machine_runs(resolve({"source": "stream", "bag": str(tmp_path / "run")}))
+    told = yaml.safe_load(Path(write_parameters(run, tmp_path)).read_text())
+    assert told["/**"]["ros__parameters"]["experiments"] == 200
 
 
 @pytest.mark.parametrize("rate", ["max", "20"])

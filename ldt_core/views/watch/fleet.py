@@ -214,7 +214,8 @@ class Fleet:
         over = self.live and machine.nodes.over(now)
         words = state.words if signal else "no signal yet"
         trouble = [f"silent: {', '.join(silent)}"] if silent else []
-        warned = {r: t.status.message for r, t in machine.nodes.told.items() if t.status.warns}
+        told = {} if over else machine.nodes.told  # what troubled a graph ended with it
+        warned = {role: one.status.message for role, one in told.items() if one.status.warns}
         trouble += [f"{role}: {shown_text(words)}" for role, words in warned.items()]
         if machine.unreadable:
             trouble.append(f"unreadable messages: {machine.unreadable}")

@@ -122,11 +122,11 @@ class Nodes:
         for role, told in sorted(self.told.items()):
             refused = "; ".join(f"{n} × {kind}" for kind, n in told.status.rejected.items())
             gone = live and self._gone(told, now)
-            silent = gone and not self.ended
+            silent, ended = gone and not self.ended, gone and self.ended
             yield {
                 "role": role,
-                "message": "ended" if gone and self.ended else told.status.message,
-                "warns": told.status.warns or silent,
+                "message": "ended" if ended else told.status.message,
+                "warns": (told.status.warns and not ended) or silent,
                 "silent": int(now - told.at) if silent else None,
                 "rejected": refused,
                 "why": told.status.last_rejection,
