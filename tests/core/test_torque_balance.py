@@ -25,6 +25,7 @@ from ldt_core.calibration.torque_balance import (
 from ldt_core.cli.identify import command
 from ldt_core.machine.machine_file import load_machine
 from ldt_core.models.physics import PhysicsModel
+from ldt_core.notebook.simulated_experiments import simulate as simulated
 from ldt_core.recording.writer import BagWriter
 
 PERIOD, SUBSTEPS = 0.01, 20
@@ -83,6 +84,14 @@ def test_a_torque_that_differs_by_the_experiment_is_no_pendulum(gravity, kind):
         for k, part in enumerate(slice(b, b + 1000) for b in range(0, 6000, 1000))
     ]
     assert fitting(cut).effects == (*kind, "coulomb_friction")
+
+
+@pytest.mark.parametrize("effect", ["cogging_torque", "input_delay:delay=0.2", "load_friction"])
+def test_what_a_pendulum_or_friction_imitates_a_little_is_not_called_one(effect):
+    """It took away a fifth of the squares, and "a motor with a pendulum fits" was said."""
+    made = simulated("dc_motor", 8, effects=[effect], seed=1)
+    assert fitting(made) is None
+    assert guidance(made) == ""
 
 
 def test_its_file_runs_nearly_as_the_machine_does():
