@@ -85,7 +85,7 @@ def history(path: str | Path, namespace: str = "", machine: str = "") -> History
         machine: file or name of the machine; "" takes the recorded name.
 
     Raises:
-        RecordingError: no recording of a run, or one of another machine or version.
+        RecordingError: no recording of a run, or one of another machine.
         OptionError: the recorded machine is a file, which has to be given.
         MachineFileError: no such machine.
     """
