@@ -36,6 +36,12 @@ MOST_FAILURES = 100
 CHANGES_TOLD = 4
 #: Between a cause and what has become of it.
 VERB = re.compile(" (?:has|is) ")
+#: Begins what is not known.
+WHAT = "what"
+#: Says that an amount has changed.
+GROWN = re.compile(r" has \w+ to ")
+#: Says that a cause was taken to act.
+NOT_ACTED = " has not acted"
 
 
 class Summary:
@@ -144,11 +150,10 @@ class Summary:
             since, colon, changes = begin.partition(": ")
             known = bool(told and colon and since.startswith("since experiment"))
             self._newest = "" if known else f"The last new model, at {where}: {adaptation.reason}."
+            if known:  # what was not known of an earlier version is over
+                self._changes = {c: t for c, t in self._changes.items() if not c.startswith(WHAT)}
             for change in changes.split("; ") if known else ():
-                cause = VERB.split(change, 1)[0]
-                self._changes.pop(cause, None)  # what was said of it before is over
-                self._changes[cause] = since, change
-                forget_oldest(self._changes, CHANGES_TOLD)
+                self._add_change(since, change)
         if adaptation.details.get(PAUSED):
             self.note("learning was switched off for a while")
         if adaptation.details.get(DOUBTFUL) and DOUBTFUL not in self._noted:
@@ -161,6 +166,18 @@ class Summary:
                 self._noted.add(why)
                 self.note(f"experiment {adaptation.number}: {adaptation.reason}")
         self.model_version = adaptation.model_version
+
+    def _add_change(self, since: str, change: str) -> None:
+        """Take in what is said of one cause; what was said of it before is over."""
+        cause = VERB.split(change, 1)[0]
+        was_since, was = self._changes.pop(cause, ("", ""))
+        if change.endswith(NOT_ACTED):
+            return
+        grown = GROWN.match(was.removeprefix(cause))
+        if grown and change.startswith(f"{cause} is "):  # the same change, known better
+            since, change = was_since, change.replace(" is ", grown[0], 1)
+        self._changes[cause] = since, change
+        forget_oldest(self._changes, CHANGES_TOLD)
 
     def _add(self, whose: str, error: float) -> None:
         self._sums[whose] += error

@@ -34,7 +34,15 @@ def change_of(
         after: as they are.
         known: 95 % interval of each, to be told; a parameter without one is not determined.
     """
-    name = spoken(effect.name)
+    name, amounts = spoken(effect.name), amounts_of(effect, after, known)
+    if len(effect.parameters) == 1:
+        (p,) = effect.parameters
+        return f"{name} has {_way(before[p.name], after[p.name])} {amounts}"
+    return f"{name} has changed to {amounts}"
+
+
+def amounts_of(effect: Effect, after: Mapping[str, float], known: Intervals | None = None) -> str:
+    """How much of an effect acts; see `change_of`."""
     told = {
         p.name: measured(after[p.name], p.unit, known.get(p.name))
         if known is not None
@@ -44,9 +52,8 @@ def change_of(
     if len(effect.parameters) == 1:
         (p,) = effect.parameters
         what = "" if p.unit else f"a {p.name} of "
-        return f"{name} has {_way(before[p.name], after[p.name])} {what}{told[p.name]}"
-    parts = [f"{spoken(name)} {amount}" for name, amount in told.items()]
-    return f"{name} has changed to {', '.join(parts)}"
+        return f"{what}{told[p.name]}"
+    return ", ".join(f"{spoken(name)} {amount}" for name, amount in told.items())
 
 
 def doubt_of(effect: Effect, known: Intervals) -> str:

@@ -76,6 +76,19 @@ class FittedStructure:
         gone = {**before, effect.name: effect.neutral}
         return self.rise(before) < self.rise(gone)
 
+    def score_beside(self, before: Mapping[str, Mapping[str, float]], price: float) -> float:
+        """Its score where an effect has no price that acts as before: it is known already.
+
+        Args:
+            before: effects that acted, with their values.
+            price: of a parameter.
+        """
+        known = {n: v for n, v in before.items() if n in self.names}
+        if not known:
+            return self.score
+        anew = price * len(self._places(known))
+        return self.score - anew + min(anew, self.rise(known))
+
     @functools.cached_property
     def _covariance(self) -> Array:
         return np.asarray(np.linalg.pinv(self.fit.information, hermitian=True))

@@ -95,6 +95,13 @@ class StructureSearch(Screening):
         starts = [np.concatenate([present.prior.mean, g]) for g in guesses]
         return (yield from self._structure(box, present.prior, starts, near, sized))
 
+    def beside(self, present: Present, effect: Effect) -> Pausable[FittedStructure]:
+        """One more effect, the present ones being begun with as they are."""
+        box = GreyBox(self.machine, (*present.effects, effect), self.tolerances)
+        guesses = box.first_guesses(present.given)
+        starts = [np.concatenate([present.prior.mean, g]) for g in guesses]
+        return (yield from self._structure(box, present.prior, starts, None, sized=False))
+
     def refined(self, present: Present, near: Array) -> Pausable[FittedStructure]:
         """The present effects with the machine's parameters, fitted next to these coordinates."""
         box = GreyBox(self.machine, present.effects, self.tolerances)

@@ -2,12 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import NamedTuple
 
+from ldt_core.base.metrics import NOT_ACTED
 from ldt_core.base.sentences import listed, spoken
-from ldt_core.effects.change_description import Intervals, apart, change_of, doubt_of
+from ldt_core.effects.change_description import Intervals, amounts_of, apart, change_of, doubt_of
 from ldt_core.physics.effect import Effect
+
+
+class Doubts(NamedTuple):
+    """What is not known of a change.
+
+    Attributes:
+        unknown: names of effects that are not known to act, or to have gone, and why.
+        strained: names of effects, and what parameter of the file would explain as much.
+        stays: names of effects that may well act as before.
+        moves: names of effects that do not, though each of their amounts alone may be as before.
+        own: what of the machine's own parameters would explain the change; "" for nothing.
+    """
+
+    unknown: Mapping[str, str] = MappingProxyType({})
+    strained: Mapping[str, str] = MappingProxyType({})
+    stays: Collection[str] = ()
+    moves: Collection[str] = ()
+    own: str = ""
+
+
+#: Where there are none.
+SURE = Doubts()
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,48 +60,64 @@ class Causes:
         return self.intervals.get(effect.name, {})
 
     def moved(self, before: Causes, effect: Effect) -> bool:
-        """Whether its amounts are other ones than before, beyond chance."""
+        """Whether its amounts are other ones than before, beyond chance; a law that is told in more
+        detail, or less, is the same.
+        """
         if not before.name(effect):
             return True
         was, now = before.interval(effect), self.interval(effect)
-        return was.keys() != now.keys() or any(apart(was[n], now[n]) for n in now)
+        return any(apart(was[n], now[n]) for n in was.keys() & now.keys())
 
-    def change(self, before: Causes, doubts: Mapping[str, str], strained: Mapping[str, str]) -> str:
+    def change(self, before: Causes, doubts: Doubts = SURE, lasting: bool = False) -> str:
         """What has changed; "" where nothing has, beyond chance.
 
         Args:
             before: as it was.
-            doubts: names of effects that are not known to act, or to have gone, and why.
-            strained: names of effects, and what parameter of the file would explain as much.
+            doubts: what is not known.
+            lasting: the machine has not changed; these are what acted before, too.
         """
         said, unknown = [], []
         for effect in self.effects:
             name = effect.name
-            if not self.moved(before, effect):
+            moved = name in doubts.moves or self.moved(before, effect)
+            if name in doubts.stays or not moved:
                 continue
-            if doubt := doubts.get(name) or doubt_of(effect, self.interval(effect)):
+            if doubt := doubts.unknown.get(name) or doubt_of(effect, self.interval(effect)):
                 unknown.append(doubt)
             else:
-                was = {**effect.neutral, **before.given.get(name, {})}
-                said.append(change_of(effect, was, self.given[name], self.interval(effect)))
+                said.append(self._told(effect, before, lasting))
                 others = list(map(spoken, self.alike if effect is self.effects[-1] else ()))
-                others += [strained[name]] if name in strained else []
+                others += [doubts.strained[name]] if name in doubts.strained else []
                 if others:
                     said[-1] += f" (or {listed(others, 'or')}: not told apart)"
         taken = any(n in self.given for n in before.alike)  # for another one, not told apart
-        for effect in before.effects[:-1] if taken else before.effects:
+        for effect in before.effects:
             name = effect.name
             if not before.name(effect) or name in (*self.given, *self.alike):
                 continue
-            if name in doubts:
-                unknown.append(doubts[name])
+            told_apart = taken and effect is before.effects[-1]
+            if told_apart and not lasting:
+                continue
+            if name in doubts.unknown and not told_apart:
+                unknown.append(doubts.unknown[name])
+            elif lasting:
+                said.append(f"{spoken(name)}{NOT_ACTED}")
             else:
                 back = "is the file's again" if name in self.of_file else "has gone"
                 said.append(f"{spoken(name)} {back}")
+        if doubts.own and not said and not unknown:
+            unknown.append(doubts.own)
         if unknown:
-            what = "what else has changed" if said else "what has changed"
+            what = f"what{' else' if said else ''} {'acts' if lasting else 'has changed'}"
             said.append(f"{what} is not known: {listed(unknown)}")
         return "; ".join(said)
+
+    def _told(self, effect: Effect, before: Causes, lasting: bool) -> str:
+        now, known = self.given[effect.name], self.interval(effect)
+        if lasting:
+            return f"{spoken(effect.name)} is {amounts_of(effect, now, known)}"
+        was = {**effect.neutral, **before.given.get(effect.name, {})}
+        return change_of(effect, was, now, known)
 
 
 def intervals_in(told: Mapping[str, Mapping[str, list[float] | None]]) -> dict[str, Intervals]:

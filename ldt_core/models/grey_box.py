@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from types import MappingProxyType
 from typing import Any, Self
 
 import numpy as np
@@ -23,7 +22,7 @@ from ldt_core.estimation.misfit import misfit, noise_in, setting
 from ldt_core.estimation.structure_screening import Present
 from ldt_core.estimation.structure_search import StructureSearch
 from ldt_core.models.base import Model
-from ldt_core.models.causes import Causes, intervals_in
+from ldt_core.models.causes import SURE, Causes, Doubts, intervals_in
 
 #: Directions in which the parameters are least known, along which a prediction is spread out.
 DIRECTIONS = 3
@@ -296,16 +295,18 @@ class GreyBoxModel(Model):
             return []
 
     def with_alike_causes(self, experiments: Sequence[Experiment]) -> Pausable[list[Self]]:
-        """What was not told apart from the last effect in its place, fitted to these experiments.
+        """What was not told apart from the last effect, in its place, and this model's own causes,
+        fitted to these experiments; the best first, these where the odds are not strong.
 
         Raises:
             LdtError: no or too few samples.
         """
         search, found = self.search_on(experiments), []
-        for name in self.parameters["alike"]:
-            laws = (*self.effects[:-1], self.machine.effect(name))
+        for last in (self.effects[-1], *map(self.machine.effect, self.parameters["alike"])):
+            laws = (*self.effects[:-1], last)
             found.append((yield from search.fitted(self.present, laws, sized=False)))
-        ranked = sorted(found, key=lambda s: s.score)
+        own = found[0]
+        ranked = sorted(found, key=lambda s: s.score - (ALIKE if s is own else 0.0))
 
         def alike(best: FittedStructure) -> list[str]:
             others = (s for s in ranked if s is not best and s.explains)
@@ -367,15 +368,10 @@ class GreyBoxModel(Model):
         }
         return self.successor(record, experiments)
 
-    def change(
-        self,
-        before: Model,
-        doubts: Mapping[str, str] = MappingProxyType({}),
-        strained: Mapping[str, str] = MappingProxyType({}),
-    ) -> str:
+    def change(self, before: Model, doubts: Doubts = SURE, lasting: bool = False) -> str:
         """ "unbalance has grown to 6.100 ± 0.020 mm"; see `Causes.change`."""
         old = before.causes if isinstance(before, GreyBoxModel) else Causes()
-        return self.causes.change(old, doubts, strained)
+        return self.causes.change(old, doubts, lasting)
 
 
 def _plain(prior: Prior) -> dict[str, Any]:

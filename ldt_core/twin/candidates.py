@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from typing import Any
@@ -12,9 +13,11 @@ from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment, Samples, rms
 from ldt_core.base.pausable import Pausable, finished
 from ldt_core.base.threads import cores, one_thread
+from ldt_core.estimation.fitted_structure import FittedStructure
+from ldt_core.machine.machine_file import Machine
 from ldt_core.models import build_model
 from ldt_core.models.base import Model
-from ldt_core.models.grey_box import GreyBoxModel
+from ldt_core.models.grey_box import ALIKE, GreyBoxModel
 from ldt_core.models.hybrid import HybridModel
 from ldt_core.models.remainder import RemainderModel
 from ldt_core.physics.effect import Effect
@@ -141,7 +144,8 @@ class Candidates:
         self, model: Model, known: Sequence[Experiment], told: Sequence[Experiment]
     ) -> Pausable[tuple[GreyBoxModel, str] | None]:
         """A cause that was not told apart from this model's, and its origin, if it explains what
-        this one does not and all that this one has learned from: the tie was decided wrongly.
+        this one does not and all that this one has learned from: the tie was decided wrongly. None
+        where this one's own causes, re-estimated from all that, explain it as well.
 
         Args:
             known: that the model has learned from.
@@ -153,6 +157,8 @@ class Candidates:
         with suppress(*UNLEARNABLE):
             for rival in (yield from model.with_alike_causes(pool)):
                 if explains_all(rival, pool):
+                    if rival.given.keys() == model.given.keys():
+                        return None
                     return rival, "has a cause that was not told apart before, and explains both"
         return None
 
@@ -185,6 +191,39 @@ class Candidates:
         if self._searched is None or self._searched[0] != asked:
             self._searched = asked, (yield from start.with_other_causes(pool, cores()))
         return self._searched[1]
+
+    def moved(
+        self, start: Model, alone: GreyBoxModel, told: Sequence[Experiment]
+    ) -> Pausable[GreyBoxModel | None]:
+        """The known causes, and one number of the machine file that is another one, where that
+        explains experiments with all others near the file's.
+
+        Args:
+            start: whose causes are known.
+            alone: explains them with numbers far from the file's, of which one may be it.
+            told: to explain.
+        """
+        if not isinstance(start, GreyBoxModel):
+            return None
+        far = start.box.far(alone.q)
+        found: list[FittedStructure] = []
+        with suppress(*UNLEARNABLE):
+            search = start.search_on(told)
+            for effect in numbers_of_file(start.machine):
+                new = effect.name not in start.given
+                if new and not far.isdisjoint(start.box.changed_by(effect)):
+                    found.append((yield from search.beside(start.present, effect)))
+        price = math.log(sum(map(len, told)))
+        scores = {
+            s.score_beside(start.given, price): s
+            for s in found
+            if s.explains and not s.box.far(s.fit.q)
+        }
+        if not scores:
+            return None
+        least, *others = sorted(scores)
+        alike = [scores[other].names[-1] for other in others if other < least + ALIKE]
+        return start.adopt(scores[least], told, alike)
 
     def loosened(self, start: Model, pool: Sequence[Experiment]) -> Pausable[list[GreyBoxModel]]:
         """The known causes, with the machine's parameters beyond their tolerances."""
@@ -246,6 +285,15 @@ class Candidates:
         found = build_model(FLEXIBLE, start.machine, self._settings)
         assert isinstance(found, RemainderModel)
         return found
+
+
+def numbers_of_file(machine: Machine) -> list[Effect]:
+    """The effects that say of one number of the machine file that it is another one.
+
+    Not a drag, which has laws of its own: only a search tells which.
+    """
+    library = machine.possible_effects()
+    return [e for e in library if e.on_parameters and len(e.parameters) == 1 and e.family != "drag"]
 
 
 def _held_back(

@@ -6,11 +6,12 @@ A prediction may use what a sentence may not claim.
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
 
 from ldt_core.base.arrays import Array
+from ldt_core.base.errors import OptionError
 from ldt_core.base.experiment import Experiment, rms
 from ldt_core.base.pausable import finished
 from ldt_core.base.sentences import listed, spoken
@@ -18,80 +19,197 @@ from ldt_core.base.threads import one_thread
 from ldt_core.diagnosis.thresholds import THRESHOLDS
 from ldt_core.effects.change_description import apart
 from ldt_core.estimation.fitted_structure import FittedStructure
-from ldt_core.estimation.grey_box import GreyBox
+from ldt_core.estimation.grey_box import GreyBox, Prior
+from ldt_core.estimation.structure_screening import Present
+from ldt_core.estimation.structure_search import StructureSearch
+from ldt_core.machine.machine_file import Machine
 from ldt_core.models.base import Model
-from ldt_core.models.causes import Causes
-from ldt_core.models.grey_box import GreyBoxModel
+from ldt_core.models.causes import SURE, Causes, Doubts
+from ldt_core.models.grey_box import ALIKE, GreyBoxModel
 from ldt_core.physics.effect import Effect
 from ldt_core.physics.machine_sizes import is_amount, is_limit
-from ldt_core.twin.candidates import UNLEARNABLE
+from ldt_core.twin.candidates import UNLEARNABLE, numbers_of_file
 from ldt_core.twin.version_errors import errs_less
 
+#: What torques that are larger than the file says look like, at least.
+DRAG = "viscous_friction"
 #: Turns, between rise and fall, from which on an amount is another one each time: a machine that is
 #: repaired has one.
 TURNS = 2
 
 
 def doubts(
-    model: Model, before: Model, earlier: Sequence[Model], experiments: Sequence[Experiment]
-) -> tuple[dict[str, str], dict[str, str]]:
-    """Names of effects that are not known to act, and why; and of those that one of the machine's
-    own parameters far from the file's would explain as well, and which.
+    model: Model,
+    before: Model,
+    earlier: Sequence[Model],
+    experiments: Sequence[Experiment],
+    hardly: bool = False,
+    lasting: bool = False,
+) -> Doubts:
+    """What is not known of the change from one version to the next.
 
-    Not known is one that the experiments are explained without as well, by the machine's own
-    parameters within their tolerances: that it acts would rest on these not having changed. One
-    that contradicts itself from version to version, beyond chance. And any, where the current was
-    measured and comes out worse than before: a load that is twice as heavy, friction and all, looks
-    in the speed like twice the resistance. Nor is it known that one has gone which may as well act
-    as before: few experiments do not show all that acts.
+    An effect is not known to act that the experiments are explained without as well, by the
+    machine's own parameters within their tolerances: that it acts would rest on these not having
+    changed. One that contradicts itself from version to version, beyond chance. One that takes the
+    place of a like one, where the machine has hardly changed: its law is the same. And one that the
+    measured current contradicts: a load that is twice as heavy, friction and all, looks in the
+    speed like twice the resistance. Nor is it known that one has gone, or changed, which may as
+    well act as before: few experiments do not show all that acts.
 
     Args:
         model: that comes into force.
         before: that was in force.
         earlier: that were in force before, `before` the last.
         experiments: the newest, or the last ones of few samples.
+        hardly: whether the version before errs hardly more in these than in others.
+        lasting: whether the machine is as it was, and only known better.
     """
     if not isinstance(model, GreyBoxModel):
-        return {}, {}
+        return SURE
     known, causes = before.causes if isinstance(before, GreyBoxModel) else Causes(), model.causes
-    found, strained = {}, {}
-    against = _current_speaks_against(model, [before, *earlier], experiments)
+    found: dict[str, str] = {}
+    strained: dict[str, str] = {}
+    stays, moves = set(), set()
+    own = "" if hardly or lasting else _own_moves(model, before)
     for effect in model.effects:
-        if not (causes.name(effect) and causes.moved(known, effect)):
+        acted = known.name(effect)
+        # What several amounts do together may be apart where none of them is.
+        alike = acted and known.interval(effect).keys() == causes.interval(effect).keys()
+        together = alike and len(effect.parameters) > 1 and not (own or hardly or lasting)
+        if not causes.name(effect) or not (together or causes.moved(known, effect)):
             continue
         name = spoken(effect.name)
-        if _contradicts(effect, [*earlier, model]):
+        if acted and _as_likely_as_before(model, before, effect, experiments):
+            stays.add(effect.name)
+            continue
+        moves.add(effect.name)
+        if hardly and (place := _place_taken(causes, known, effect)):
+            found[effect.name] = f"{name} explains it in the place of {spoken(place)}"
+        elif _contradicts(effect, [*earlier, model]):
             found[effect.name] = f"the {name} that explains it is another one each time"
             if effect.states:
                 states = listed(map(spoken, effect.states))
                 found[effect.name] += f" (nobody measures its {states} at the start)"
-        elif against:
+        elif _current_speaks_against(model, effect, experiments):
             found[effect.name] = f"the measured current speaks against {name}"
         elif without := explained_without(model, effect, experiments):
-            own, far = without
+            number, far = without
             if far > THRESHOLDS.prior_deviations:
-                strained[effect.name] = f"{own} {far:.1f} tolerances from the file's"
+                strained[effect.name] = f"{number} {far:.1f} tolerances from the file's"
             else:
                 found[effect.name] = f"the machine's own parameters explain it without {name}, too"
+        if effect.name not in found and (others := _other_numbers(model, effect, experiments)):
+            told = [*others, *filter(None, [strained.get(effect.name)])]
+            strained[effect.name] = listed(told, "or")
     for effect in known.effects:
         gone = effect.name not in (*causes.given, *causes.alike) and known.name(effect)
         if gone and _may_stay(model, effect, known.given[effect.name], experiments):
             found[effect.name] = f"{spoken(effect.name)} may act as before"
-    return found, strained
+    return Doubts(found, strained, stays, moves, own)
+
+
+def _own_moves(model: GreyBoxModel, before: Model) -> str:
+    """By how much the machine's own parameters are other ones than before, as far as that is more
+    than a tolerance; "" for nothing.
+    """
+    if not isinstance(before, GreyBoxModel):
+        return ""
+    box, said = model.box, []
+    for i, name in enumerate(box.uncertain):
+        far = float(model.q[i] - before.q[i])
+        if abs(far) > 1:
+            percent = 100 * abs(math.expm1(box.tolerance[i] * far))
+            said.append(f"{name} {percent:.0f} % {'higher' if far > 0 else 'lower'}")
+    return f"{listed(said)} would explain it" if said else ""
+
+
+def _place_taken(causes: Causes, known: Causes, effect: Effect) -> str:
+    """The name of a like effect that acts no more where this one begins to; "" where none is."""
+    if effect.name in known.given:
+        return ""
+    for gone in known.effects:
+        named = known.name(gone) and gone.name not in causes.given
+        tied = gone.name in causes.alike or effect.name in known.alike
+        if named and (tied or (gone.family and gone.family == effect.family)):
+            return gone.name
+    return ""
+
+
+def _other_numbers(
+    model: GreyBoxModel, effect: Effect, experiments: Sequence[Experiment]
+) -> list[str]:
+    """What other number of the machine file explains as much in the place of one that has changed,
+    beside what `Causes.alike` says.
+
+    In the speed, twice the inertia is twice the resistance with half of all torques. Few files know
+    these, so a drag may come along.
+    """
+    library = numbers_of_file(model.machine)
+    if all(e.name != effect.name for e in library):
+        return []
+    rest = {n: dict(v) for n, v in model.given.items() if n != effect.name}
+    acting = tuple(e for e in model.effects if e.name in rest)
+    starts = [Present(acting, rest, model.present.prior)]
+    with suppress(OptionError):
+        drag = model.machine.effect(DRAG)
+        drag.require(model.machine.model)
+        if DRAG not in rest:
+            with_drag = {**rest, DRAG: drag.neutral}
+            starts.append(Present((*acting, drag), with_drag, starts[0].prior))
+    said = {*model.given, *(model.causes.alike if effect is model.effects[-1] else ())}
+    found = []
+    with suppress(*UNLEARNABLE), one_thread():
+        search = model.search_on(experiments)
+        most = _refined(model, model.effects, model.given, experiments).score + ALIKE
+        for other in (e for e in library if e.name not in said):
+            for begin in starts:
+                fitted = finished(search.beside(begin, other))
+                if fitted.explains and fitted.score < most:
+                    found.append(spoken(other.name))
+                    break
+    return found
 
 
 def _current_speaks_against(
-    model: GreyBoxModel, versions: Sequence[Model], experiments: Sequence[Experiment]
+    model: GreyBoxModel, effect: Effect, experiments: Sequence[Experiment]
 ) -> bool:
-    """Whether, at the measured speed, one of the versions before has the current more nearly."""
+    """Whether, at the measured speed, the current is more nearly that without an effect.
 
-    def left(version: GreyBoxModel) -> list[Array]:
-        told = ((e, e.current) for e in experiments if e.current is not None)
-        return [measured - version.box.current_at_speed(version.q, e) for e, measured in told]
+    The machine's own parameters are the same in both: a fit to the speed moves them within their
+    tolerances, and what that does to the current tells nothing of an effect.
+    """
+    told = [(e, e.current) for e in experiments if e.current is not None]
+    rest = tuple(e for e in model.effects if e is not effect)
+    without = GreyBox(model.machine, rest, model.machine.tolerances)
+    q = without.coordinates(model.given, model.q[: len(without.uncertain)])
 
-    error = sum(rms(row) ** 2 for row in left(model))
-    grey = [m for m in versions if isinstance(m, GreyBoxModel)]
-    return error > 0 and any(errs_less(left(version), error) for version in grey)
+    def left(box: GreyBox, q: Array) -> list[Array]:
+        return [measured - box.current_at_speed(q, e) for e, measured in told]
+
+    error = sum(rms(row) ** 2 for row in left(model.box, model.q))
+    return error > 0 and errs_less(left(without, q), error)
+
+
+def _as_likely_as_before(
+    model: GreyBoxModel, before: Model, effect: Effect, experiments: Sequence[Experiment]
+) -> bool:
+    """Whether experiments are as likely, by what was known, where an effect acts as before.
+
+    The machine's own parameters, and all other effects, may then have changed more. An amount
+    that has changed costs the price of a parameter (see `FittedStructure.score`), and the odds
+    that it has are to be strong.
+    """
+    assert isinstance(before, GreyBoxModel)
+    held = [(effect, before.given[effect.name])]
+    rest = tuple(e for e in model.effects if e is not effect)
+    with suppress(*UNLEARNABLE):
+        # Where these are far from the file's, what was learned of them is over.
+        own = None if model.box.far(model.q) else before.prior
+        free = _refined(model, model.effects, model.given, experiments, prior=own)
+        machine = model.machine.with_effects(held)
+        stays = _refined(model, rest, model.given, experiments, machine, own)
+        return stays.explains and stays.score < free.score + ALIKE
+    return False
 
 
 def explained_without(
@@ -127,18 +245,27 @@ def _refined(
     effects: tuple[Effect, ...],
     given: Mapping[str, Mapping[str, float]],
     experiments: Sequence[Experiment],
+    machine: Machine | None = None,
+    prior: Prior | None = None,
 ) -> FittedStructure:
     """These effects, fitted next to their values and to the model's own parameters.
+
+    Args:
+        machine: with effects that are known to act; None for the model's.
+        prior: of the machine's coordinates; None for what the file says.
 
     Raises:
         LdtError: too few samples.
     """
     acting = {e.name: dict(given[e.name]) for e in effects}
     own = model.q[: len(model.box.uncertain)]
-    near = GreyBox(model.machine, effects, model.machine.tolerances).coordinates(acting, own)
-    begin = replace(model.present, effects=effects, given=acting)
+    search = model.search_on(experiments)
+    machine = machine or model.machine
+    near = GreyBox(machine, effects, machine.tolerances).coordinates(acting, own)
+    begin = Present(effects, acting, prior or model.present.prior)
+    about = machine.tolerances, search.experiments, search.noise, search.workers
     with one_thread():
-        return finished(model.search_on(experiments).refined(begin, near))
+        return finished(StructureSearch(machine, *about).refined(begin, near))
 
 
 def _contradicts(effect: Effect, versions: Sequence[Model]) -> bool:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -14,9 +13,17 @@ from ldt_core.base.threads import one_thread
 from ldt_core.diagnosis.thresholds import THRESHOLDS
 from ldt_core.models.base import Model
 from ldt_core.models.grey_box import GreyBoxModel
-from ldt_core.twin.candidates import POOL, Candidates
+from ldt_core.twin.candidates import Candidates
 from ldt_core.twin.stage import Archive
-from ldt_core.twin.version_errors import explains_all, gains
+from ldt_core.twin.version_errors import (
+    explains,
+    explains_all,
+    gains,
+    has_changed,
+    rigid,
+    rms_error,
+    stands_for,
+)
 
 #: Integration steps of a search (`physics.base.Work`) at one experiment, of some 80 ns each on one
 #: processor. A first search that finds two causes in 2000 samples takes 11 to 16 million; with some
@@ -180,27 +187,57 @@ class CauseSearch:
     def _caused(self) -> Pausable[tuple[GreyBoxModel, str] | None]:
         """A model of causes that explains the experiment, known or searched for, and its origin."""
         asked, told = self.question, self.question.told
-        other = yield from self._candidates.told_apart(asked.versions[0], asked.known, told)
+        present = asked.versions[0]
+        other = yield from self._candidates.told_apart(present, asked.known, told)
         if other is not None:
             return other
         best = yield from self._candidates.refitted(asked.versions, asked.known, told, asked.recent)
         if best is not None and not explains_all(best, told):
             best = None
-        if best is not None and not gains(best, asked.versions[0], told):
+        if best is not None and not gains(best, present, told):
             self.idle = True
             return None
-        alone, pool = best, [*asked.known[-POOL + 1 :], *told]
-        if alone is not None and asked.elsewhere and not explains_all(alone, pool):
-            # Of one machine, as the excitation alone is another: another cause may explain all.
-            best = (yield from within(self._searched(pool), STEPS // 2)) or alone
-        elif best is None:
+        alone = best
+        if alone is None:
             best = yield from self._searched(told)
-        elif best.box.farthest(best.q)[1] > THRESHOLDS.prior_deviations:
+        elif pool := self._of_one_machine(alone):
+            # Another cause may explain all.
+            most = STEPS if rigid(alone) else STEPS // 2
+            best = (yield from within(self._searched(pool), most)) or alone
+        elif alone.box.far(alone.q):
             # Numbers that the file knows do not move so far by themselves: something moves them.
-            best = (yield from within(self._searched(told, near_file=True), STEPS // 2)) or alone
+            best = (yield from self._near_file(alone)) or alone
         if best is None:
             return None
         return best, anew(best) if best is alone else "has a new cause"
+
+    def _near_file(self, alone: GreyBoxModel) -> Pausable[GreyBoxModel | None]:
+        """What explains the experiment with the machine's own parameters near the file's, if that
+        is found in half of the time of one experiment.
+        """
+        asked, until = self.question, self._done + STEPS // 2
+        if rigid(alone):
+            moved = self._candidates.moved(asked.start, alone, asked.told)
+            found = yield from within(moved, STEPS // 2)
+            if found is not None and gains(found, asked.versions[0], asked.told):
+                return found
+        return (yield from within(self._searched(asked.told, near_file=True), until - self._done))
+
+    def _of_one_machine(self, alone: GreyBoxModel) -> list[Experiment]:
+        """The newest experiment, and the one before that a model fails most in which explains it
+        alone, though the machine has hardly changed, or the excitation alone is another; else none.
+        """
+        asked, told = self.question, self.question.told
+        if rigid(alone):
+            about = asked.versions[0], told[-1]
+            known = stands_for(*about, asked.known, asked.recent)
+            other = asked.elsewhere and not alone.box.far(alone.q)
+            if has_changed(*about, known) and not other:
+                return []
+        else:  # near a resonance, a little decides how much a model errs
+            known = list(asked.known) if asked.elsewhere else []
+        failed = [e for e in known if not explains(alone, e) and all(e is not t for t in told)]
+        return [max(failed, key=lambda e: rms_error(alone, e)), *told] if failed else []
 
     def _searched(
         self, pool: Sequence[Experiment], near_file: bool = False
@@ -214,8 +251,7 @@ class CauseSearch:
         if not asked.due:
             return None
         found = yield from self._candidates.structures(asked.start, pool)
-        most = THRESHOLDS.prior_deviations if near_file else math.inf
-        near = (m for m in found if m.box.farthest(m.q)[1] <= most)
+        near = (m for m in found if not (near_file and m.box.far(m.q)))
         explaining = (m for m in near if explains_all(m, pool))
         return next((m for m in explaining if gains(m, asked.versions[0], asked.told)), None)
 

@@ -26,9 +26,14 @@ from ldt_core.twin.training_data import newest_enough, too_short
 from ldt_core.twin.version_errors import (
     alike,
     explains,
+    explains_all,
+    has_changed,
     pays,
+    rigid,
     rms_error,
+    same,
     squared_error,
+    stands_for,
     unexplained,
 )
 
@@ -171,8 +176,9 @@ class ContestAdaptor(KnownVersions):
             with one_thread():
                 tied = finished(self.candidates.told_apart(before, learned_from, [experiment]))
             # A machine that has one cause all along is likelier than one that changes to and fro.
-            if tied is not None and not self._fails_before(tied[0], experiment):
-                return self._learned_by(*tied, experiment, {})
+            one = tied or self._one_machine(experiment)
+            if one is not None and not self._fails_before(one[0], experiment):
+                return self._learned_by(*one, experiment, {})
             origin = f"is version {next_one.version} again"
             if next_one is not version:
                 often = f"version {version.version} explains it, but the machine changes so often"
@@ -223,6 +229,19 @@ class ContestAdaptor(KnownVersions):
             return Action.ADAPTED, self._reason(before, experiment, origin, False), details
         return Action.REFUSED, f"{said}, {then}; {stays}", details
 
+    def _one_machine(self, experiment: Experiment) -> tuple[Model, str] | None:
+        """A cause that explains what the present version does not, and all that this stands for,
+        where the machine has hardly changed; and its origin.
+        """
+        recent = self._recent(experiment)
+        known = stands_for(self.model, experiment, self.learned_from, recent)
+        due = self.backoff.due and self.search is None
+        if not due or not rigid(self.model) or has_changed(self.model, experiment, known):
+            return None
+        search = CauseSearch(self.candidates, self._question(experiment))
+        search.explain(self._steps)
+        return search.cause if search.cause and explains_all(search.cause[0], known) else None
+
     def _keep(self, search: CauseSearch, judged: Sequence[Experiment], over: bool) -> None:
         """Go on with a search at later experiments."""
         search.question = replace(search.question, pool=newest_enough(judged, POOL))
@@ -254,18 +273,26 @@ class ContestAdaptor(KnownVersions):
     def _reason(self, before: Model, experiment: Experiment, origin: str, sure: bool = True) -> str:
         """In words; of a version that explains nothing it is not known what has changed."""
         words = f"version {self.model.version} {origin}"
-        change = self._change(before, experiment) if sure else ""
-        return f"since experiment {experiment.number}: {change}; {words}" if change else words
+        if not sure or not explains(self.model, experiment):
+            return words
+        recent = [e for e in self._recent(experiment) if not same(e, experiment)]
+        last, first, lasting = self._changed_from(before, recent, experiment)
+        since = f"{first.number} or before, unlike the machine file" if lasting else first.number
+        known = stands_for(before, experiment, self.learned_from, recent)
+        hardly = last is before and not lasting and not has_changed(before, experiment, known)
+        learned = [e for e in recent if e.number in self.model.trained_on]
+        told = newest_enough([*learned, experiment])
+        change = self._change(last, told, lasting, hardly)
+        return f"since experiment {since}: {change}; {words}" if change else words
 
-    def _change(self, before: Model, experiment: Experiment) -> str:
-        """What has changed, as far as that is known, if the present version explains it."""
-        if not explains(self.model, experiment):
-            return ""
+    def _change(
+        self, before: Model, told: Sequence[Experiment], lasting: bool, hardly: bool
+    ) -> str:
+        """What has changed, as far as that is known."""
         if not isinstance(self.model, GreyBoxModel):
             return self.model.change(before)
-        learned = [e for e in self._recent(experiment) if e.number in self.model.trained_on]
-        told = newest_enough([*learned, experiment])
-        return self.model.change(before, *doubts(self.model, before, self.earlier, told))
+        about = doubts(self.model, before, self.earlier, told, hardly, lasting)
+        return self.model.change(before, about, lasting)
 
     def unexplained(self, experiment: Experiment) -> list[Experiment]:
         """The newest experiments that nobody explains."""

@@ -22,10 +22,13 @@ from ldt_core.twin.version_errors import (
     alike,
     explaining,
     explains,
+    explains_all,
     fails_before,
     fit_of,
+    has_changed,
     largest_error,
     same,
+    stands_for,
 )
 
 #: In the details of an adaptation: the version that would be in force, did the original not take
@@ -163,3 +166,38 @@ class KnownVersions(Adaptor):
     def _fails_before(self, model: Model, experiment: Experiment) -> bool:
         about = experiment, self.learned_from, self._recent(experiment)
         return fails_before(model, self.model, *about)
+
+    def _changed_from(
+        self, before: Model, recent: Sequence[Experiment], experiment: Experiment
+    ) -> tuple[Model, Experiment, bool]:
+        """What the present version is compared with, the first experiment that it is known to be
+        of, and whether nothing says that the machine has changed there.
+
+        It has not changed now where the version explains what the one before stands for, too; then
+        it has changed behind the last one that it does not explain, but an earlier version does.
+        """
+        known = list(recent)  # the machine file's own model stands for all
+        if before.version:
+            known = stands_for(before, experiment, self.learned_from, recent)
+            known = [e for e in known if e in self.learned_from or explains(before, e)]
+            if self.learned_from and not has_changed(before, experiment, known):
+                known = self.learned_from  # what lies between tells less than what taught it
+        last = self._causes_of(self.earlier)
+        if (before.version and not known) or not explains_all(self.model, known):
+            return last, experiment, False
+        first = min([*known, experiment], key=lambda e: e.start)
+        for e in reversed([e for e in recent if e.start < first.start]):
+            if not explains(self.model, e):
+                older = self.earlier[:-1]
+                while older and not explains(older[-1], e):
+                    older.pop()
+                if not older:
+                    break
+                return self._causes_of(older), first, False
+            first = e
+        return last, first, True
+
+    def _causes_of(self, versions: Sequence[Model]) -> Model:
+        """The newest of these versions that says what acts."""
+        grey = (m for m in reversed(versions) if isinstance(m, GreyBoxModel))
+        return next(grey, self.original)

@@ -156,17 +156,38 @@ def fails_before(
             for what it explains.
         recent: those before the newest.
     """
-    if len(present.machine.model.states) > CURRENT + 1:
+    if not rigid(present):
         return False
-    known = [e for e in learned if e.same_period(experiment)]
-    if known:
-        since = max(e.start for e in known)
-        known += [e for e in recent if e.start > since]
-    else:
-        known = [e for e in recent if explains(present, e)]
+    known = stands_for(present, experiment, learned, recent)
+    if has_changed(present, experiment, known):
+        return False
     now = rms_error(present, experiment)
-    changed = all(now > FAR * rms_error(present, e) for e in known)
-    return not changed and any(rms_error(model, e) > FAR * now for e in known)
+    return any(rms_error(model, e) > FAR * now for e in known)
+
+
+def rigid(model: Model) -> bool:
+    """Whether its machine has no foundation."""
+    return len(model.machine.model.states) == CURRENT + 1
+
+
+def stands_for(
+    present: Model,
+    experiment: Experiment,
+    learned: Sequence[Experiment],
+    recent: Sequence[Experiment],
+) -> list[Experiment]:
+    """The experiments before the newest that the present model stands for; see `fails_before`."""
+    known = [e for e in learned if e.same_period(experiment)]
+    if not known:
+        return [e for e in recent if explains(present, e)]
+    since = max(e.start for e in known)
+    return known + [e for e in recent if e.start > since]
+
+
+def has_changed(present: Model, experiment: Experiment, known: Sequence[Experiment]) -> bool:
+    """Whether the present model errs far more than in all that it stands for."""
+    now = rms_error(present, experiment)
+    return all(now > FAR * rms_error(present, e) for e in known)
 
 
 def unexplained(

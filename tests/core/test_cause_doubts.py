@@ -9,6 +9,7 @@ from ldt_core.base.experiment import Experiment
 from ldt_core.effects import get_effect
 from ldt_core.machine.machine_file import load_machine
 from ldt_core.machine.plant import Plant
+from ldt_core.models.causes import Doubts
 from ldt_core.models.grey_box import GreyBoxModel
 from ldt_core.twin.cause_doubts import doubts
 from tests.motors import motor_file
@@ -84,7 +85,7 @@ def test_a_cause_that_the_machines_tolerances_do_without_is_not_told(loaded):
     words = "the machine's own parameters explain it without constant load, too"
     assert doubt([PLAIN, acting], healthy) == {LOAD: words}
     assert doubt([PLAIN, acting], loaded) == {}
-    change = acting.change(PLAIN, {LOAD: words})
+    change = acting.change(PLAIN, Doubts({LOAD: words}))
     assert change == f"what has changed is not known: {words}"
 
 

@@ -16,6 +16,7 @@ from ldt_core.estimation.structure_screening import Present
 from ldt_core.machine.machine_file import load_machine
 from ldt_core.machine.plant import Plant
 from ldt_core.models import build_model, restore_model
+from ldt_core.models.causes import Doubts
 from ldt_core.models.grey_box import GreyBoxModel
 from ldt_core.models.physics import PhysicsModel
 from ldt_core.physics.motor import MOTOR
@@ -215,7 +216,7 @@ def test_a_cause_is_named_only_where_its_amount_is_known():
     assert before.change(knowing(friction, none)) == ""  # it was never said to act
     other = {"coulomb_friction": {"torque": [0.0105, 0.0125]}}
     assert knowing({"coulomb_friction": {"torque": 0.0115}}, other).change(known) == ""
-    assert known.change(before, {"coulomb_friction": "why"}).endswith("is not known: why")
+    assert known.change(before, Doubts({"coulomb_friction": "why"})).endswith("is not known: why")
 
 
 def test_an_amount_has_the_interval_that_its_law_leaves():
