@@ -174,7 +174,8 @@ class Summary:
         if change.endswith(NOT_ACTED):
             return
         grown = GROWN.match(was.removeprefix(cause))
-        if grown and change.startswith(f"{cause} is "):  # the same change, known better
+        known_better = change.startswith(f"{cause} is ") and _first(since) >= _first(was_since)
+        if grown and known_better:  # of the same change
             since, change = was_since, change.replace(" is ", grown[0], 1)
         self._changes[cause] = since, change
         forget_oldest(self._changes, CHANGES_TOLD)
@@ -389,3 +390,9 @@ class FreeRunError:
             "rmse": self.rmse,
             "mean_max_error": self.mean_max_error,
         }
+
+
+def _first(since: str) -> int:
+    """The number in "since experiment 7 or before"; 0 in what has none."""
+    found = re.search(r"\d+", since)
+    return int(found[0]) if found else 0

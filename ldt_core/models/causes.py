@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import NamedTuple
@@ -18,14 +18,14 @@ class Doubts(NamedTuple):
 
     Attributes:
         unknown: names of effects that are not known to act, or to have gone, and why.
-        strained: names of effects, and what parameter of the file would explain as much.
+        strained: names of effects, and what in their place would explain as much.
         stays: names of effects that may well act as before.
         moves: names of effects that do not, though each of their amounts alone may be as before.
         own: what of the machine's own parameters would explain the change; "" for nothing.
     """
 
     unknown: Mapping[str, str] = MappingProxyType({})
-    strained: Mapping[str, str] = MappingProxyType({})
+    strained: Mapping[str, Sequence[str]] = MappingProxyType({})
     stays: Collection[str] = ()
     moves: Collection[str] = ()
     own: str = ""
@@ -87,7 +87,7 @@ class Causes:
             else:
                 said.append(self._told(effect, before, lasting))
                 others = list(map(spoken, self.alike if effect is self.effects[-1] else ()))
-                others += [doubts.strained[name]] if name in doubts.strained else []
+                others += doubts.strained.get(name, ())
                 if others:
                     said[-1] += f" (or {listed(others, 'or')}: not told apart)"
         taken = any(n in self.given for n in before.alike)  # for another one, not told apart

@@ -41,6 +41,8 @@ MOST = 2 * POOL
 FLEXIBLE, SMOOTH = "remainder", "hybrid"
 #: Parts of an experiment, each of which is held back once from a model that learns from the others.
 PARTS = 2
+#: Effects that look like another motor constant: of the supply and of the sensor.
+CONSTANT, GAINS = "K_t", ("input_gain", "sensor_gain")
 #: What learning can fail by.
 UNLEARNABLE = (LdtError, np.linalg.LinAlgError, ArithmeticError)
 
@@ -210,8 +212,8 @@ class Candidates:
         with suppress(*UNLEARNABLE):
             search = start.search_on(told)
             for effect in numbers_of_file(start.machine):
-                new = effect.name not in start.given
-                if new and not far.isdisjoint(start.box.changed_by(effect)):
+                seen_in = {CONSTANT} if effect.name in GAINS else start.box.changed_by(effect)
+                if effect.name not in start.given and not far.isdisjoint(seen_in):
                     found.append((yield from search.beside(start.present, effect)))
         price = math.log(sum(map(len, told)))
         scores = {
@@ -288,12 +290,12 @@ class Candidates:
 
 
 def numbers_of_file(machine: Machine) -> list[Effect]:
-    """The effects that say of one number of the machine file that it is another one.
+    """The effects that say of one number of the machine file that it is another one, or look so.
 
     Not a drag, which has laws of its own: only a search tells which.
     """
-    library = machine.possible_effects()
-    return [e for e in library if e.on_parameters and len(e.parameters) == 1 and e.family != "drag"]
+    library = [e for e in machine.possible_effects() if len(e.parameters) == 1]
+    return [e for e in library if e.name in GAINS or (e.on_parameters and e.family != "drag")]
 
 
 def _held_back(

@@ -31,6 +31,8 @@ from ldt_core.physics.machine_sizes import is_amount, is_limit
 from ldt_core.twin.candidates import UNLEARNABLE, numbers_of_file
 from ldt_core.twin.version_errors import errs_less
 
+#: Families between which a scale of all torques decides.
+SCALED = {"inertia", "resistance"}
 #: What torques that are larger than the file says look like, at least.
 DRAG = "viscous_friction"
 #: Turns, between rise and fall, from which on an amount is another one each time: a machine that is
@@ -68,7 +70,7 @@ def doubts(
         return SURE
     known, causes = before.causes if isinstance(before, GreyBoxModel) else Causes(), model.causes
     found: dict[str, str] = {}
-    strained: dict[str, str] = {}
+    strained: dict[str, list[str]] = {}
     stays, moves = set(), set()
     own = "" if hardly or lasting else _own_moves(model, before)
     for effect in model.effects:
@@ -95,12 +97,11 @@ def doubts(
         elif without := explained_without(model, effect, experiments):
             number, far = without
             if far > THRESHOLDS.prior_deviations:
-                strained[effect.name] = f"{number} {far:.1f} tolerances from the file's"
+                strained[effect.name] = [f"{number} {far:.1f} tolerances from the file's"]
             else:
                 found[effect.name] = f"the machine's own parameters explain it without {name}, too"
         if effect.name not in found and (others := _other_numbers(model, effect, experiments)):
-            told = [*others, *filter(None, [strained.get(effect.name)])]
-            strained[effect.name] = listed(told, "or")
+            strained[effect.name] = [*others, *strained.get(effect.name, [])]
     for effect in known.effects:
         gone = effect.name not in (*causes.given, *causes.alike) and known.name(effect)
         if gone and _may_stay(model, effect, known.given[effect.name], experiments):
@@ -162,7 +163,8 @@ def _other_numbers(
         search = model.search_on(experiments)
         most = _refined(model, model.effects, model.given, experiments).score + ALIKE
         for other in (e for e in library if e.name not in said):
-            for begin in starts:
+            scaled = {effect.family, other.family} == SCALED
+            for begin in starts if scaled else starts[:1]:
                 fitted = finished(search.beside(begin, other))
                 if fitted.explains and fitted.score < most:
                     found.append(spoken(other.name))

@@ -27,6 +27,13 @@ def version(number, name, **amounts):
     return GreyBoxModel(DC, told, number)
 
 
+def with_inertia(model):
+    """The same version, with twice the inertia in front."""
+    given = {"inertia": {"factor": 2.0}, **model.parameters["effects"]}
+    ends = {"inertia": {"factor": [1.9, 2.1]}, **model.parameters["intervals"]}
+    return GreyBoxModel(DC, {**model.parameters, "effects": given, "intervals": ends}, 1)
+
+
 def row(name, *amounts):
     """Versions with these amounts, one after the other."""
     return [version(i, name, **given) for i, given in enumerate(amounts, 1)]
@@ -113,3 +120,46 @@ def test_a_resistance_that_the_measured_current_contradicts_is_not_told(heavier,
     model = GreyBoxModel(before.machine, {**before.parameters, **given}, 1)
     found = doubts(model, before, [before], [experiment])[0].get("armature_resistance", "")
     assert ("the measured current speaks against" in found) is not known
+
+
+def test_a_friction_is_not_contradicted_by_a_current_that_other_numbers_move():
+    """A fit to the speed moves K_t within its tolerance; the file's fits the current better."""
+    use = [get_effect("coulomb_friction").used({"torque": 0.02})]
+    how = {"degradation": "none", "effects": use, "measure_current": True}
+    plant = Plant(DC, experiments=1, seed=8, **how)
+    told = version(1, "coulomb_friction", torque=0.02).parameters
+    moved = {**told["machine"], "K_t": 1.02 * DC.parameters["K_t"]}
+    model = GreyBoxModel(DC, {**told, "machine": moved}, 1)
+    assert doubt([PLAIN, model], plant.experiment(1)) == {}
+
+
+@pytest.mark.parametrize(("torque", "stays"), [(0.05, {LOAD}), (0.1, set())])
+def test_what_may_as_well_act_as_before_has_not_changed(torque, stays):
+    """An inertia that doubles moves the fit of a load; a load that doubles does not stay."""
+    before = version(1, LOAD, torque=0.05)
+    use = [get_effect(LOAD).used({"torque": torque}), get_effect("inertia").used({"factor": 2.0})]
+    plant = Plant(DC, experiments=1, seed=8, degradation="none", effects=use)
+    model = with_inertia(version(2, LOAD, torque=1.1 * torque))
+    found = doubts(model, before, [PLAIN, before], [plant.experiment(1)])
+    assert set(found.stays) == stays
+    assert "inertia" in found.moves
+
+
+def test_a_like_law_in_the_place_of_another_is_no_change(loaded):
+    """A dry friction that is told forward and backward is the same friction."""
+    dry = version(1, "coulomb_friction", torque=0.05)
+    both = version(2, "asymmetric_friction", torque_forward=0.05, torque_backward=0.05)
+    found = doubts(both, dry, [PLAIN, dry], [loaded], hardly=True)
+    place = "asymmetric friction explains it in the place of coulomb friction"
+    assert found.unknown["asymmetric_friction"] == place
+    found = doubts(both, dry, [PLAIN, dry], [loaded])
+    assert found.unknown.get("asymmetric_friction") != place
+
+
+def test_twice_the_inertia_may_be_twice_the_resistance():
+    """With half of the torques, which the file hardly knows; but for the winding's inductance."""
+    use = [get_effect("inertia").used({"factor": 2.0}), get_effect(LOAD).used({"torque": 0.05})]
+    plant = Plant(DC, experiments=1, seed=8, degradation="none", effects=use, noise=1.0)
+    model = with_inertia(version(1, LOAD, torque=0.05))
+    found = doubts(model, PLAIN, [PLAIN], [plant.experiment(1)])
+    assert {"armature resistance", "source resistance"} <= set(found.strained["inertia"])

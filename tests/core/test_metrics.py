@@ -225,3 +225,21 @@ def test_of_each_cause_the_last_change_is_said():
         "Since experiment 5: inertia has grown to a factor of 1.2. "
         "Since experiment 6: open circuit has gone."
     )
+
+
+def test_what_acts_all_along_is_no_change_and_takes_back_what_was_said():
+    """Nor is an amount that is known better, of a change, another change."""
+    summary = Summary()
+    for number, since, change in (
+        (1, "1 or before, unlike the machine file", "input deadzone is 0.9 V"),
+        (2, "2", "coulomb friction has grown to 0.2 N m; what else has changed is not known: why"),
+        (4, "2 or before, unlike the machine file", "coulomb friction is 0.3 N m"),
+        (5, "1 or before, unlike the machine file", "input deadzone has not acted"),
+        (6, "1 or before, unlike the machine file", "quadratic drag is 1e-06 N m s^2"),
+    ):
+        reason = f"since experiment {since}: {change}; version {number} has a new cause"
+        summary.add_adaptation(Adaptation(number, Action.ADAPTED, number, reason))
+    assert summary.learned == (
+        "Since experiment 2: coulomb friction has grown to 0.3 N m. "
+        "Since experiment 1 or before, unlike the machine file: quadratic drag is 1e-06 N m s^2."
+    )

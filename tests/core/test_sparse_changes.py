@@ -7,7 +7,7 @@ import re
 import numpy as np
 import pytest
 
-from ldt_core.base.experiment import Experiment
+from ldt_core.base.experiment import Action, Experiment
 from ldt_core.twin.loop import Twin
 from tests.motors import motor_file
 
@@ -23,14 +23,29 @@ IDENTIFIED = {
 }
 #: A data sheet that knows all but the friction and the fan.
 SHEET = {"J": 9e-4, "K_t": 0.055, "R": 0.9, "L": 2e-3, "b": 4e-4}
+#: A data sheet a few per cent off, of a motor with more friction and fan.
+OFF = {"J": 8.8e-4, "K_t": 0.0535, "R": 0.93, "L": 2e-3, "b": 4e-4}
+MORE = {1: {"dry": 0.05, "fan": 3e-6}}
+BOTH_WAYS = {"low": -18.0, "noise_std": 1.0}
 CHANGED = 16  # the first experiment of the changed machine
 
 
-def run(seed: int, file: dict, count: int, changes: dict[int, dict[str, float]]) -> list:
+def run(
+    seed: int,
+    file: dict,
+    count: int,
+    changes: dict[int, dict[str, float]],
+    low: float = 3.0,
+    noise_std: float = NOISE,
+    mixed: bool = False,
+) -> list:
     """Steps of a twin beside a motor of another engine that never stops.
 
     Args:
         changes: from which experiment on the motor has which other numbers.
+        low: lowest voltage [V]; the highest is 18.
+        noise_std: of the speed [rad/s].
+        mixed: whether two of three experiments are a sweep, and one step after another.
     """
     noise, levels = np.random.default_rng(seed), np.random.default_rng(seed + 100)
     p, x, twin, found = dict(TRUE), np.zeros(2), Twin(motor_file(file, SAMPLES, PERIOD)), []
@@ -42,7 +57,10 @@ def run(seed: int, file: dict, count: int, changes: dict[int, dict[str, float]])
 
     for k in range(1, count + 1):
         p |= changes.get(k, {})
-        volts = np.repeat(levels.uniform(3.0, 18.0, SAMPLES // 50), 50)
+        volts = np.repeat(levels.uniform(low, 18.0, SAMPLES // 50), 50)
+        if mixed and k % 3:
+            sweep = np.sin(np.cumsum(np.linspace(0.01, 0.2, SAMPLES)))
+            volts = volts[0] * (sweep if k % 3 == 1 else np.repeat([1.0, 0.4], SAMPLES // 2))
         speed, h = np.empty(SAMPLES), PERIOD / 10
         for n, u in enumerate(volts):
             speed[n] = x[1]
@@ -51,7 +69,7 @@ def run(seed: int, file: dict, count: int, changes: dict[int, dict[str, float]])
                 b = rate(x + h / 2 * a, u)
                 c = rate(x + h / 2 * b, u)
                 x = x + h / 6 * (a + 2 * b + 2 * c + rate(x + h * c, u))
-        speed += NOISE * noise.standard_normal(SAMPLES)
+        speed += noise_std * noise.standard_normal(SAMPLES)
         found.append(twin.step(Experiment(k, 2.0 * k, PERIOD, voltage=volts, speed=speed)))
     return found
 
@@ -103,3 +121,28 @@ def test_what_is_taken_off_has_gone():
     told = [s.adaptation.reason for s in steps]
     assert "quadratic drag has grown" in " ".join(told[3:8])
     assert "quadratic drag has gone" in " ".join(told[8:])
+
+
+@pytest.mark.slow
+def test_what_the_sheet_lacks_has_not_grown_and_what_doubles_is_told_alone():
+    """The fan "has grown" in the fourth experiment; with a heavier disc, "friction has fallen"."""
+    told = [
+        s.adaptation.reason
+        for s in run(2, OFF, 12, {**MORE, 12: {"J": 2 * TRUE["J"]}}, **BOTH_WAYS)
+    ]
+    first = " ".join(told[:11])
+    assert "since experiment 1 or before, unlike the machine file" in first
+    assert "quadratic drag is" in first
+    assert "has grown" not in first
+    factor = re.search(r"since experiment 12: inertia has grown to a factor of ([0-9.]+)", told[11])
+    assert factor
+    assert float(factor[1]) == pytest.approx(2.0, abs=0.3)
+    assert "friction" not in told[11]
+
+
+@pytest.mark.slow
+def test_one_machine_is_found_where_each_experiment_alone_is_explained_otherwise():
+    """Of a fan that the file lacks, each experiment made another friction and damping."""
+    steps = run(7, OFF, 20, MORE, mixed=True, **BOTH_WAYS)
+    assert all(s.signal.state == "holds" for s in steps[5:])
+    assert sum(s.adaptation.action is Action.ADAPTED for s in steps) <= 2
