@@ -192,6 +192,7 @@ class CauseSearch:
         if other is not None:
             return other
         best = yield from self._candidates.refitted(asked.versions, asked.known, told, asked.recent)
+        nearest = best
         if best is not None and not explains_all(best, told):
             best = None
         if best is not None and not gains(best, present, told):
@@ -199,7 +200,7 @@ class CauseSearch:
             return None
         alone = best
         if alone is None:
-            best = yield from self._searched(told)
+            best = (yield from self._moved(nearest)) or (yield from self._searched(told))
         elif pool := self._of_one_machine(alone):
             # Another cause may explain all.
             most = STEPS if rigid(alone) else STEPS // 2
@@ -215,13 +216,22 @@ class CauseSearch:
         """What explains the experiment with the machine's own parameters near the file's, if that
         is found in half of the time of one experiment.
         """
-        asked, until = self.question, self._done + STEPS // 2
-        if rigid(alone):
-            moved = self._candidates.moved(asked.start, alone, asked.told)
-            found = yield from within(moved, STEPS // 2)
-            if found is not None and gains(found, asked.versions[0], asked.told):
-                return found
-        return (yield from within(self._searched(asked.told, near_file=True), until - self._done))
+        until, found = self._done + STEPS // 2, (yield from self._moved(alone))
+        if found is not None:
+            return found
+        search = self._searched(self.question.told, near_file=True)
+        return (yield from within(search, until - self._done))
+
+    def _moved(self, nearest: GreyBoxModel | None) -> Pausable[GreyBoxModel | None]:
+        """The known causes with one number of the file that is another one, where that explains
+        the experiment, and the nearest fit of the known causes moves such a number far.
+        """
+        asked = self.question
+        if not asked.due or nearest is None or not rigid(nearest) or not nearest.box.far(nearest.q):
+            return None
+        moved = self._candidates.moved(asked.start, nearest, asked.told)
+        found = yield from within(moved, STEPS // 2)
+        return found if found and gains(found, asked.versions[0], asked.told) else None
 
     def _of_one_machine(self, alone: GreyBoxModel) -> list[Experiment]:
         """The newest experiment, and the one before that a model fails most in which explains it
