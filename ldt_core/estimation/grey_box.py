@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment
-from ldt_core.diagnosis.thresholds import THRESHOLDS
 from ldt_core.estimation.effect.cause import DIVERGED_SPEED, finite_speed
 from ldt_core.estimation.effect.effect_coordinates import EffectCoordinates, Use
 from ldt_core.estimation.start_at_rest import AT_REST, first_current
@@ -145,9 +144,9 @@ class GreyBox:
             zip(self.uncertain, far.tolist(), strict=True), key=lambda f: f[1], default=("", 0.0)
         )
 
-    def far(self, q: Array) -> set[str]:
-        """The machine's own parameters that are farther from the file's than by chance."""
-        beyond = np.abs(q[: len(self.uncertain)]) > THRESHOLDS.prior_deviations
+    def far(self, q: Array, most: float) -> set[str]:
+        """The machine's own parameters that are more tolerances than this from the file's."""
+        beyond = np.abs(q[: len(self.uncertain)]) > most
         return {n for n, is_far in zip(self.uncertain, beyond, strict=True) if is_far}
 
     def changed_by(self, effect: Effect) -> set[str]:

@@ -93,7 +93,7 @@ class Causes:
         taken = any(n in self.given for n in before.alike)  # for another one, not told apart
         for effect in before.effects:
             name = effect.name
-            if not before.name(effect) or name in (*self.given, *self.alike):
+            if not before.name(effect) or name in (*self.given, *self.alike, *doubts.stays):
                 continue
             told_apart = taken and effect is before.effects[-1]
             if told_apart and not lasting:

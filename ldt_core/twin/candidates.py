@@ -25,6 +25,7 @@ from ldt_core.twin.version_errors import (
     errs_less,
     explains,
     explains_all,
+    far,
     gains,
     pays,
     same,
@@ -207,19 +208,19 @@ class Candidates:
         """
         if not isinstance(start, GreyBoxModel):
             return None
-        far = start.box.far(alone.q)
+        moved = far(start.box, alone.q)
         found: list[FittedStructure] = []
         with suppress(*UNLEARNABLE):
             search = start.search_on(told)
             for effect in numbers_of_file(start.machine):
                 seen_in = {CONSTANT} if effect.name in GAINS else start.box.changed_by(effect)
-                if effect.name not in start.given and not far.isdisjoint(seen_in):
+                if effect.name not in start.given and not moved.isdisjoint(seen_in):
                     found.append((yield from search.beside(start.present, effect)))
         price = math.log(sum(map(len, told)))
         scores = {
             s.score_beside(start.given, price): s
             for s in found
-            if s.explains and not s.box.far(s.fit.q)
+            if s.explains and not far(s.box, s.fit.q)
         }
         if not scores:
             return None

@@ -29,7 +29,7 @@ from ldt_core.models.grey_box import ALIKE, GreyBoxModel
 from ldt_core.physics.effect import Effect
 from ldt_core.physics.machine_sizes import is_amount, is_limit
 from ldt_core.twin.candidates import UNLEARNABLE, numbers_of_file
-from ldt_core.twin.version_errors import errs_less
+from ldt_core.twin.version_errors import errs_less, far
 
 #: Families between which a scale of all torques decides.
 SCALED = {"inertia", "resistance"}
@@ -81,7 +81,10 @@ def doubts(
         if not causes.name(effect) or not (together or causes.moved(known, effect)):
             continue
         name = spoken(effect.name)
-        if acted and _as_likely_as_before(model, before, effect, experiments):
+        # Whatever moves the file's own numbers far moves what acts along.
+        if acted and (
+            far(model.box, model.q) or _as_likely_as_before(model, before, effect, experiments)
+        ):
             stays.add(effect.name)
             continue
         moves.add(effect.name)
@@ -95,15 +98,18 @@ def doubts(
         elif _current_speaks_against(model, effect, experiments):
             found[effect.name] = f"the measured current speaks against {name}"
         elif without := explained_without(model, effect, experiments):
-            number, far = without
-            if far > THRESHOLDS.prior_deviations:
-                strained[effect.name] = [f"{number} {far:.1f} tolerances from the file's"]
+            number, tolerances = without
+            if tolerances > THRESHOLDS.prior_deviations:
+                strained[effect.name] = [f"{number} {tolerances:.1f} tolerances from the file's"]
             else:
                 found[effect.name] = f"the machine's own parameters explain it without {name}, too"
         if effect.name not in found and (others := _other_numbers(model, effect, experiments)):
             strained[effect.name] = [*others, *strained.get(effect.name, [])]
     for effect in known.effects:
         gone = effect.name not in (*causes.given, *causes.alike) and known.name(effect)
+        if gone and hardly:
+            stays.add(effect.name)
+            continue
         if gone and _may_stay(model, effect, known.given[effect.name], experiments):
             found[effect.name] = f"{spoken(effect.name)} may act as before"
     return Doubts(found, strained, stays, moves, own)
@@ -117,10 +123,10 @@ def _own_moves(model: GreyBoxModel, before: Model) -> str:
         return ""
     box, said = model.box, []
     for i, name in enumerate(box.uncertain):
-        far = float(model.q[i] - before.q[i])
-        if abs(far) > 1:
-            percent = 100 * abs(math.expm1(box.tolerance[i] * far))
-            said.append(f"{name} {percent:.0f} % {'higher' if far > 0 else 'lower'}")
+        by = float(model.q[i] - before.q[i])
+        if abs(by) > 1:
+            percent = 100 * abs(math.expm1(box.tolerance[i] * by))
+            said.append(f"{name} {percent:.0f} % {'higher' if by > 0 else 'lower'}")
     return f"{listed(said)} would explain it" if said else ""
 
 
@@ -205,8 +211,7 @@ def _as_likely_as_before(
     held = [(effect, before.given[effect.name])]
     rest = tuple(e for e in model.effects if e is not effect)
     with suppress(*UNLEARNABLE):
-        # Where these are far from the file's, what was learned of them is over.
-        own = None if model.box.far(model.q) else before.prior
+        own = before.prior
         free = _refined(model, model.effects, model.given, experiments, prior=own)
         machine = model.machine.with_effects(held)
         stays = _refined(model, rest, model.given, experiments, machine, own)

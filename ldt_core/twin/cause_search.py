@@ -18,6 +18,7 @@ from ldt_core.twin.stage import Archive
 from ldt_core.twin.version_errors import (
     explains,
     explains_all,
+    far,
     gains,
     has_changed,
     rigid,
@@ -205,7 +206,7 @@ class CauseSearch:
             # Another cause may explain all.
             most = STEPS if rigid(alone) else STEPS // 2
             best = (yield from within(self._searched(pool), most)) or alone
-        elif alone.box.far(alone.q):
+        elif far(alone.box, alone.q):
             # Numbers that the file knows do not move so far by themselves: something moves them.
             best = (yield from self._near_file(alone)) or alone
         if best is None:
@@ -227,7 +228,12 @@ class CauseSearch:
         the experiment, and the nearest fit of the known causes moves such a number far.
         """
         asked = self.question
-        if not asked.due or nearest is None or not rigid(nearest) or not nearest.box.far(nearest.q):
+        if (
+            not asked.due
+            or nearest is None
+            or not rigid(nearest)
+            or not far(nearest.box, nearest.q)
+        ):
             return None
         moved = self._candidates.moved(asked.start, nearest, asked.told)
         found = yield from within(moved, STEPS // 2)
@@ -241,7 +247,7 @@ class CauseSearch:
         if rigid(alone):
             about = asked.versions[0], told[-1]
             known = stands_for(*about, asked.known, asked.recent)
-            other = asked.elsewhere and not alone.box.far(alone.q)
+            other = asked.elsewhere and not far(alone.box, alone.q)
             if has_changed(*about, known) and not other:
                 return []
         else:  # near a resonance, a little decides how much a model errs
@@ -261,7 +267,7 @@ class CauseSearch:
         if not asked.due:
             return None
         found = yield from self._candidates.structures(asked.start, pool)
-        near = (m for m in found if not (near_file and m.box.far(m.q)))
+        near = (m for m in found if not (near_file and far(m.box, m.q)))
         explaining = (m for m in near if explains_all(m, pool))
         return next((m for m in explaining if gains(m, asked.versions[0], asked.told)), None)
 
@@ -285,12 +291,12 @@ def anew(model: Model) -> str:
     """What a version does that has learned more with the same causes."""
     if not isinstance(model, GreyBoxModel):
         return "estimates its causes anew"
-    name, far = model.box.farthest(model.q)
-    moved = not model.effects or far > THRESHOLDS.prior_deviations
+    name, by = model.box.farthest(model.q)
+    moved = not model.effects or by > THRESHOLDS.prior_deviations
     what = ["its causes"] if model.effects else []
     what += ["the machine's own parameters"] if moved else []
     words = f"estimates {listed(what)} anew"
-    return f"{words}, {name} by {far:.1f} tolerances from the file's" if moved and name else words
+    return f"{words}, {name} by {by:.1f} tolerances from the file's" if moved and name else words
 
 
 def granted(beside: CauseSearch | None) -> int:

@@ -5,8 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment, Prediction, Samples, rms
+from ldt_core.diagnosis.thresholds import THRESHOLDS
+from ldt_core.estimation.grey_box import GreyBox
 from ldt_core.estimation.misfit import EXPLAINED, misfit, setting
 from ldt_core.estimation.noise import correlation_time
 from ldt_core.models.base import Model
@@ -203,3 +206,8 @@ def unexplained(
             break
         pool.insert(0, e)
     return pool
+
+
+def far(box: GreyBox, q: Array) -> set[str]:
+    """The machine's own parameters that are farther from the file's than by chance."""
+    return box.far(q, THRESHOLDS.prior_deviations)
