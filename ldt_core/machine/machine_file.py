@@ -6,7 +6,7 @@ import contextlib
 import dataclasses
 import functools
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
@@ -137,11 +137,13 @@ class Machine:
     @property
     def effects(self) -> tuple[tuple[Effect, Mapping[str, float]], ...]:
         """The effects that are known to act, each with all its values."""
-        values = self.parameters
-        return tuple(
-            (effect, {p.name: values[own_name(effect.name, p.name)] for p in effect.parameters})
-            for effect in map(_effect, self.acting)
-        )
+        return tuple((_effect(name).in_detail(own), own) for name, own in self._own_values())
+
+    def _own_values(self) -> Iterator[tuple[str, dict[str, float]]]:
+        """Name and values of each effect known to act; they say in which detail its law acts."""
+        for name in self.acting:
+            known = {p.name: own_name(name, p.name) for p in _effect(name).all_parameters}
+            yield name, {n: self.parameters[o] for n, o in known.items() if o in self.parameters}
 
     def effect(self, name: str) -> Effect:
         """An effect as a change of this machine: of a known one, what is known is neutral.
@@ -250,7 +252,7 @@ def _effect(name: str) -> Effect:
 
 @functools.lru_cache(maxsize=EFFECTS_REMEMBERED)
 def _about(name: str, known: tuple[tuple[str, float], ...]) -> Effect:
-    return _effect(name).about(dict(known))
+    return _effect(name).in_detail(dict(known)).about(dict(known))
 
 
 def _machine_of(given: object) -> Machine:

@@ -60,6 +60,28 @@ def test_effects_are_read_written_and_in_the_key_of_a_run():
     assert len({key_text(m, {}) for m in (motor(), motor(effects=FRICTION), machine)}) == 3
 
 
+@pytest.mark.parametrize("friction", ["coulomb_friction", "asymmetric_friction"])
+def test_a_law_in_detail_acts_in_detail(friction):
+    """Its file was read and its presliding lost; a calibration with it failed at its end."""
+    detailed = get_effect(friction).finest
+    given = detailed.check({**detailed.typical, "presliding": 0.3})
+    effects = [{"name": friction, "parameters": given}]
+    machine = motor(effects=effects)
+    assert machine.as_dict()["effects"] == effects
+    assert machine.with_parameters(J=0.003).parameters[f"{friction}.presliding"] == 0.3
+    ((law, _),) = machine.effects
+    assert law.states
+    assert machine.effect(friction).neutral == given
+    plain = motor(effects=[{"name": friction, "parameters": dict(detailed.typical)}])
+    assert not plain.effects[0][0].states
+    volts = np.repeat([0.0, 6.0, -6.0], 20)
+    speeds = []
+    for m in (plain, machine):
+        start = m.model.initial_state(m.parameters, 0.0)
+        speeds.append(m.model.simulate(m.parameters, volts, 0.01, start)[:, 1])
+    assert np.abs(speeds[1] - speeds[0]).max() > 0.05
+
+
 @pytest.mark.parametrize(
     ("keys", "said"),
     [
