@@ -1,4 +1,4 @@
-"""Units that an import converts to SI, and the option syntax FIELD[:UNIT].
+"""Units that an import converts to SI, and the option syntax FIELD[:UNIT] or FIELD[:NUMBER].
 
 A table of our own instead of a units library: the units of four quantities are few, and a speed in
 Hz means revolutions per second here, where a library would read radians.
@@ -7,6 +7,7 @@ Hz means revolutions per second here, where a library would read radians.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Collection, Mapping
 from types import MappingProxyType
 from typing import NamedTuple
@@ -57,6 +58,21 @@ SYMBOLS = {
     "current": ("strom",),
 }
 
+CARRIAGE = "for a carriage {0}:NUMBER, the motor's rad/s at 1 {1}"
+POSITION = "for a position a column of its change in a second"
+SHARE = "for a share of the supply {0}:NUMBER, the V at 1 {1}"
+#: Quantity → unit of what is often recorded in its place → what to give then.
+FOREIGN: dict[str, dict[str, str]] = {
+    "speed": {
+        **dict.fromkeys(("m/s", "mm/s", "cm/s", "um/s", "m/min", "mm/min"), CARRIAGE),
+        **dict.fromkeys(("m", "mm", "um", "deg", "rad", "rev"), POSITION),
+    },
+    "voltage": dict.fromkeys(("%", "pct", "percent"), SHARE),
+}
+#: Words of a name that say a position, where none of the others stands beside them.
+POSITIONS = frozenset({"position", "pos", "angle", "winkel"})
+RATES = frozenset({"speed", "velocity", "vel", "rate", "dot"})
+
 NO_COLUMNS: Mapping[str, str] = MappingProxyType({})
 
 
@@ -70,7 +86,7 @@ class Field(NamedTuple):
 
 
 def parse_field(text: str, quantity: str, columns: Mapping[str, str] = NO_COLUMNS) -> Field:
-    """FIELD[:UNIT] of an option.
+    """FIELD[:UNIT] of an option; a number in place of the unit is the SI units in one of it.
 
     Args:
         text: as the user gave it.
@@ -79,18 +95,22 @@ def parse_field(text: str, quantity: str, columns: Mapping[str, str] = NO_COLUMN
             that contains a colon is taken as a whole.
 
     Raises:
-        OptionError: no field, an unknown unit, or none where the name ends in one that is not SI or
-            one that is not SI stands below it.
+        OptionError: no field, an unknown unit, or none where the name ends in one that is not SI,
+            says a position, or one that is not SI stands below it.
     """
     units = UNITS[quantity]
     si = next(iter(units))
     name, colon, unit = text.rpartition(":")
     if not colon or text in columns:
         name, unit = text, si
-        named = _named_unit(text, units)
+        named, says_other = _named_unit(text, units), other_quantity(text, quantity)
         says = f"the name says {named}"
         if below := columns.get(text, ""):
             named, says = below.replace("μ", "µ"), f"the row below the names says {below}"
+        elif says_other:
+            word, instead = says_other
+            expected = f"a {quantity}, as {text}:{si} if it is one ({instead.format(text, word)})"
+            raise OptionError(f"--{quantity}", expected, f"{text!r}, whose name says {word}")
         if named and units.get(named) != 1:
             other = f"{text}:{named} or " if named in units else ""
             raise OptionError(
@@ -99,6 +119,11 @@ def parse_field(text: str, quantity: str, columns: Mapping[str, str] = NO_COLUMN
     unit = unit.replace("μ", "µ")  # the Greek letter looks like the micro sign
     if not name.strip():
         raise OptionError(f"--{quantity}", "FIELD or FIELD:UNIT", repr(text))
+    if factor := _number(unit):
+        return Field(quantity, name.strip(), factor, f"{unit} {si}")
+    if instead := FOREIGN.get(quantity, {}).get(unit):
+        expected = f"that of a {quantity}, such as {si} ({instead.format(name, unit)})"
+        raise OptionError(f"--{quantity}, unit", expected, repr(unit))
     if unit not in units:
         raise OptionError(f"--{quantity}, unit", did_you_mean(unit, units), repr(unit))
     return Field(quantity, name.strip(), units[unit], unit)
@@ -134,13 +159,48 @@ def propose_fields(columns: Mapping[str, str]) -> dict[str, str]:
     return proposed
 
 
+def other_quantity(name: str, quantity: str) -> tuple[str, str] | None:
+    """What a column's name says that is no such quantity, and what to give then.
+
+    >>> other_quantity("v_mm_s", "speed")[0], other_quantity("pos_m", "speed")[0]
+    ('mm/s', 'pos')
+    >>> other_quantity("n_m", "speed"), other_quantity("angle_rate", "speed")
+    (None, None)
+    """
+    foreign = FOREIGN.get(quantity, {})
+    unit = _named_unit(name, foreign)
+    if unit and unit != "m":  # which may be short for a motor's
+        return unit, foreign[unit]
+    words = re.findall(r"[a-z]+", name.lower())
+    said = next((word for word in words if word in POSITIONS), "")
+    if quantity != "speed" or not said or RATES.intersection(words):
+        return None
+    return None if _named_unit(name, UNITS[quantity]) else (said, POSITION)
+
+
+def has_unit(text: str, quantity: str) -> bool:
+    """Whether FIELD[:UNIT] says its unit, or a number in its place."""
+    unit = text.rpartition(":")[2] if ":" in text else ""
+    return unit in UNITS[quantity] or bool(_number(unit))
+
+
+def _number(text: str) -> float:
+    """A finite number other than 0; 0 for anything else."""
+    try:
+        number = float(text)
+    except ValueError:
+        return 0.0
+    return number if math.isfinite(number) else 0.0
+
+
 def _named_unit(name: str, units: Collection[str]) -> str:
     """The unit that a name ends in, as of "time_ms", "n [rpm]" or "Speed (RPM)"; "" if in none.
 
     The longest of all quantities counts: "speed_rad_s" is in rad/s, and no time in s.
     """
     ending = name.strip().rstrip(")]}")
-    for unit in sorted({u for of in UNITS.values() for u in of}, key=len, reverse=True):
+    known = {u for table in (UNITS, FOREIGN) for of in table.values() for u in of}
+    for unit in sorted(known, key=len, reverse=True):
         for written in (unit, unit.replace("/", "_")):
             before = ending.removesuffix(written)
             if before != ending and not before.endswith("/") and not before[-1:].isalnum():

@@ -7,20 +7,22 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ldt_core.base.units import UNITS
+from ldt_core.base.units import has_unit
 from ldt_core.segmenter.resampling import Series
 
 # What hardly any motor does, but a column in another unit seems to do.
 SLOW, QUICK = 1.0, 1e-6  # s between samples
 #: Quantity → (largest size, in which unit, what it is then): 9549 rpm; a railway's voltage.
 RARE = {"voltage": (1000.0, "V", "mV"), "speed": (1000.0, "rad/s", "rpm")}
+#: [rad/s] 10 rpm: dry friction's sign is smoothed over a fiftieth, which such a speed would show.
+SLOW_SHAFT = 1.0
 #: Unit that times likely have where so many of them lie between samples: 1 Hz to 1 kHz.
 LIKELY = {"ms": 1e3, "us": 1e6, "ns": math.inf}
 
 
 def unit_doubts(series: Mapping[str, Series], given: Mapping[str, str]) -> list[str]:
     """Where a column that names no unit has the size of another one."""
-    bare = [q for q, text in given.items() if not text.endswith(tuple(f":{u}" for u in UNITS[q]))]
+    bare = [q for q, text in given.items() if not has_unit(text, q)]
     speed, notes = series["speed"], []
     step = float(np.median(np.diff(speed.time))) if speed.time.size > 1 else 0.0
     slow = next((unit for unit, most in LIKELY.items() if step < most), "")
@@ -29,6 +31,12 @@ def unit_doubts(series: Mapping[str, Series], given: Mapping[str, str]) -> list[
         if quantity in bare and largest > most:
             told = f"{quantity}s up to {largest:.5g} {si} are rare"
             notes.append(_doubt(told, unit, quantity, given, unit))
+    fastest = float(np.nanmax(np.abs(speed.values), initial=0.0))
+    if "speed" in bare and 0 < fastest < SLOW_SHAFT:
+        notes.append(
+            f"speeds of at most {fastest:.3g} rad/s are rare; if they are a carriage's in m/s, give "
+            f"the motor's rad/s at 1 m/s: --speed {given['speed']}:NUMBER"
+        )
     if "time" in bare and step >= SLOW:
         told = f"{step:g} s between samples are long"
         notes.append(_doubt(told, slow, "time", given, slow))

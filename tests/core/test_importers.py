@@ -196,7 +196,48 @@ def test_a_name_that_says_another_unit_is_not_taken_for_si(name, quantity, unit)
     assert parse_field(f"{name}:{next(iter(UNITS[quantity]))}", quantity).factor == 1
 
 
-@pytest.mark.parametrize("name", ["speed_rad_s", "omega [rad/s]", "alarms", "t_s", "w", "trpm"])
+@pytest.mark.parametrize(
+    ("name", "quantity", "instead"),
+    [
+        ("v_mm_s", "speed", "v_mm_s:NUMBER, the motor's rad/s at 1 mm/s"),
+        ("carriage [m/s]", "speed", "carriage [m/s]:NUMBER"),
+        ("phi_deg", "speed", "its change in a second"),
+        ("pos_m", "speed", "its change in a second"),
+        ("/joint_states.position[0]", "speed", "its change in a second"),
+        ("cmd_pct", "voltage", "cmd_pct:NUMBER, the V at 1 pct"),
+    ],
+)
+def test_a_carriage_a_position_and_a_share_are_no_speed_and_no_voltage(name, quantity, instead):
+    """Each was taken for rad/s or V without a word; whoever says the unit is believed."""
+    with pytest.raises(OptionError, match=re.escape(instead)):
+        parse_field(name, quantity)
+    assert parse_field(f"{name}:{next(iter(UNITS[quantity]))}", quantity).factor == 1
+
+
+@pytest.mark.parametrize(("unit", "quantity"), [("mm/s", "speed"), ("%", "voltage")])
+def test_a_unit_of_another_quantity_says_what_to_give(unit, quantity):
+    """The nearest name was proposed: mrad/s for mm/s."""
+    with pytest.raises(OptionError, match=f"x:NUMBER, the .* at 1 {unit}"):
+        parse_field(f"x:{unit}", quantity)
+
+
+def test_a_number_in_place_of_a_unit_is_what_one_is_in_si(tmp_path):
+    """For a screw, a gear or a share of the supply; it is a unit of which nothing is doubted."""
+    loaded = load(table(tmp_path / "x.csv", PLAIN), speed="n:628.3", voltage="u:-0.48")
+    assert loaded.experiments[0].speed == pytest.approx(628.3 * SPEED, rel=1e-12)
+    assert loaded.experiments[0].voltage == pytest.approx(-0.48 * VOLTS, rel=1e-12)
+    assert "speed from 'n' in 628.3 rad/s" in " ".join(loaded.notes)
+    assert not loaded.doubts
+    with pytest.raises(OptionError, match="got '0'"):
+        parse_field("n:0", "speed")
+
+
+def test_no_carriage_is_proposed_as_the_time():
+    """`carriage_m_s` ends in `_s`, and was the time beside a column t."""
+    assert propose_fields({"t": "", "u": "", "carriage_m_s": ""})["time"] == "t:UNIT"
+
+
+@pytest.mark.parametrize("name", ["speed_rad_s", "omega [rad/s]", "alarms", "t_s", "w", "trpm", "n_m"])
 def test_a_name_that_says_si_or_nothing_is_si(name):
     """A word that merely ends like a unit is none."""
     assert parse_field(name, "speed" if "t_s" not in name else "time").factor == 1
@@ -270,7 +311,8 @@ def test_a_size_that_speaks_for_another_unit_is_told(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("speeds", "step"), [(1500, "if a unit is another"), (0, "a machine file")]
+    ("speeds", "step"),
+    [(1500, "if a unit is another"), (0, "if a unit is another"), (100, "a machine file")],
 )
 def test_where_a_unit_is_doubted_the_next_step_is_to_import_again(tmp_path, capsys, speeds, step):
     """To identify a motor from it comes second."""
