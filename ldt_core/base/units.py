@@ -71,7 +71,7 @@ FOREIGN: dict[str, dict[str, str]] = {
 }
 #: Words of a name that say a position, where none of the others stands beside them.
 POSITIONS = frozenset({"position", "pos", "angle", "winkel"})
-RATES = frozenset({"speed", "velocity", "vel", "rate", "dot"})
+RATES = frozenset({"speed", "velocity", "vel", "rate", "dot", "omega"})
 
 NO_COLUMNS: Mapping[str, str] = MappingProxyType({})
 
@@ -121,7 +121,7 @@ def parse_field(text: str, quantity: str, columns: Mapping[str, str] = NO_COLUMN
         raise OptionError(f"--{quantity}", "FIELD or FIELD:UNIT", repr(text))
     if factor := _number(unit):
         return Field(quantity, name.strip(), factor, f"{unit} {si}")
-    if instead := FOREIGN.get(quantity, {}).get(unit):
+    if instead := FOREIGN.get(quantity, {}).get(unit, ""):
         expected = f"that of a {quantity}, such as {si} ({instead.format(name, unit)})"
         raise OptionError(f"--{quantity}, unit", expected, repr(unit))
     if unit not in units:

@@ -36,7 +36,7 @@ from ldt_core.calibration.calibration import (
 from ldt_core.calibration.equivalent_motor import MotorResponse, fit_response
 from ldt_core.calibration.equivalent_posterior import equivalent_posterior
 from ldt_core.calibration.held_out import split_evenly
-from ldt_core.calibration.torque_balance import RESISTANCE, guidance
+from ldt_core.calibration.torque_balance import CONVENTION, RESISTANCE, guidance
 from ldt_core.estimation.linear import Identified, identify
 from ldt_core.estimation.noise import white_noise
 from ldt_core.machine.direction_check import swapped
@@ -311,10 +311,7 @@ def _linear_error(linear: Identified, experiments: Sequence[Experiment]) -> Free
 
 
 def _notes(form: MotorResponse, linear: Identified, experiments: list[Experiment]) -> list[str]:
-    notes = [
-        f"Equivalent motor: R = {RESISTANCE:g} Ohm and b = {FRICTION:g} by convention. Torques and "
-        "currents are on the scale of this motor, not of the machine; only their ratios count."
-    ]
+    notes = [CONVENTION]
     if form.order == 1:
         notes.append(
             "The recording shows one time constant; L is "

@@ -48,6 +48,10 @@ LEAST_GAIN = 0.1
 #: torques, delays and other frictions, which it imitates, 0.82 to 0.94.
 MOST_LEFT = 0.75
 RESISTANCE = 1.0  # Ohm, by convention: speed and voltage say nothing of it
+CONVENTION = (
+    f"Equivalent motor: R = {RESISTANCE:g} Ohm and b = 0 by convention. Torques and currents are "
+    "on the scale of this motor, not of the machine; only their ratios count."
+)
 #: L / R over the sample period: at the first none shows, at the last a span of changes is still
 #: not over. Each is tried in free run, since the balance says nothing of it.
 ELECTRIC = np.geomspace(1e-3, SPANS[0], 8)

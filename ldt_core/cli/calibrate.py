@@ -31,6 +31,8 @@ if TYPE_CHECKING:
     from ldt_core.calibration import Calibration
     from ldt_core.diagnosis.fitted_along import Used
 
+#: Characters of a name that leave the usual terminal room for an interval; others take two lines.
+LONGEST_NAME = 24
 INTERVAL = "95 % interval"  # the column that is folded where the terminal is narrow
 
 
@@ -141,10 +143,11 @@ def _print(found: Calibration, out: str) -> None:
     for e in found.estimates:
         none = "not determined" if found.lacking == [] else "withheld"
         interval = f"{e.ci95[0]:.5g} to {e.ci95[1]:.5g}" if e.ci95 else none
-        table.add_row(e.name, f"{e.nominal:.5g}", f"{e.value:.5g}", interval, e.unit)
+        table.add_row(_in_lines(e.name), f"{e.nominal:.5g}", f"{e.value:.5g}", interval, e.unit)
     units = {p.name: p.unit for p in found.machine.model.parameters}
     for name, reason in found.fixed.items():
-        table.add_row(name, f"{found.nominal.parameters[name]:.5g}", "kept", reason, units[name])
+        value = f"{found.nominal.parameters[name]:.5g}"
+        table.add_row(_in_lines(name), value, "kept", reason, units[name])
     console = Console()
     console.print_folded(table, *(c for c in columns if c != INTERVAL))
     for part, (before, after) in found.errors.items():
@@ -158,6 +161,10 @@ def _print(found: Calibration, out: str) -> None:
     for note in found.notes:
         console.print(one_line(f"- {note}"))
     console.print(f"machine file: {out}")
+
+
+def _in_lines(name: str) -> str:
+    return name.replace(".", ".\n") if len(name) > LONGEST_NAME else name
 
 
 def _print_next(found: Calibration, recordings: Sequence[str], only: str, out: str) -> None:

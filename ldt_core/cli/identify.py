@@ -180,7 +180,7 @@ def _with_effects(
     from ldt_core.base import result_files
     from ldt_core.base.experiment import rms
     from ldt_core.calibration.calibration import free_run_error, limits_note
-    from ldt_core.calibration.torque_balance import balanced_machine
+    from ldt_core.calibration.torque_balance import CONVENTION, balanced_machine
     from ldt_core.recording.messages import dump
 
     machine = balanced_machine(experiments, names, name, limits)
@@ -192,6 +192,7 @@ def _with_effects(
         echo_json({"machine": name, "out": out, **machine.as_dict(), "rmse": rmse})
         return
     echo(f"free-run error: {rmse:.4g} rad/s, by accelerations alone")
+    echo(f"- {CONVENTION}")
     if rmse > still:
         echo(
             f"- Beware: a constant speed leaves less, {still:.4g} rad/s. This is hardly the "

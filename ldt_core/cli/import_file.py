@@ -40,7 +40,8 @@ UNIT_HELP = "with a unit if it is not SI, for example"
 @click.option(
     "--speed",
     metavar="FIELD[:UNIT]",
-    help=f"Column or /topic.field[index] of the speed, {UNIT_HELP} n:rpm.",
+    help=f"Column or /topic.field[index] of the speed, {UNIT_HELP} n:rpm, or with "
+    "the rad/s in one of it, for example v:628.",
 )
 @click.option("--current", metavar="FIELD[:UNIT]", help="The same for the current, if measured.")
 @click.option(

@@ -57,9 +57,15 @@ def next_experiment(
 
 
 def apart(sets: Sequence[Sequence[str]]) -> str:
-    """The names of sets of effects in words, by what not all of them have."""
+    """The names of sets of effects in words, by what not all of them have.
+
+    >>> apart([["backlash", "inertia"], ["backlash"]]), apart([["backlash"], ["backlash"]])
+    ('inertia and its absence', 'these amounts of backlash')
+    """
     common = set.intersection(*map(set, sets))
-    own = [[spoken(n) for n in names if n not in common] for names in sets]
+    own = {tuple(spoken(n) for n in names if n not in common): None for names in sets}
+    if len(own) == 1:  # the same effects, with other amounts
+        return f"these amounts of {listed(sorted(map(spoken, common)))}"
     return listed(" with ".join(n) or "its absence" for n in sorted(own, key=bool, reverse=True))
 
 

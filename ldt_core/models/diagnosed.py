@@ -310,7 +310,8 @@ def _require(machine: Machine, cause: str | Effect) -> None:
     except OptionError as error:
         known = {p.name for p in machine.model.parameters}
         able = [n for n in EFFECTS.names() if known.issuperset(_cached_effect(n).needs)]
-        expected = f"an effect that machine {machine.name!r} can have: one of {', '.join(able)}"
+        expected = "auto, to search for it, or an effect that machine "
+        expected += f"{machine.name!r} can have: one of {', '.join(able)}"
         raise OptionError("cause", expected, f"{name!r}, which needs {error.expected}") from None
 
 

@@ -34,8 +34,8 @@ def unit_doubts(series: Mapping[str, Series], given: Mapping[str, str]) -> list[
     fastest = float(np.nanmax(np.abs(speed.values), initial=0.0))
     if "speed" in bare and 0 < fastest < SLOW_SHAFT:
         notes.append(
-            f"speeds of at most {fastest:.3g} rad/s are rare; if they are a carriage's in m/s, give "
-            f"the motor's rad/s at 1 m/s: --speed {given['speed']}:NUMBER"
+            f"speeds of at most {fastest:.3g} rad/s are rare; if they are a carriage's in m/s, "
+            f"give the motor's rad/s at 1 m/s: --speed {given['speed']}:NUMBER"
         )
     if "time" in bare and step >= SLOW:
         told = f"{step:g} s between samples are long"

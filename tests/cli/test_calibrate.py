@@ -67,6 +67,22 @@ def test_the_file_it_writes_is_a_machine(bag, tmp_path, capsys):
     assert after < before / 10
 
 
+def test_a_diagnosed_friction_is_calibrated_with_its_presliding(bag, tmp_path, capsys):
+    """It failed after its work, by an unknown key; long names left no room for intervals."""
+    given = {"torque_forward": 0.01, "torque_backward": 0.02, "presliding": 0.01}
+    found = {
+        "verdict": {"effects": ["asymmetric_friction"]},
+        "effects": [{"effect": "asymmetric_friction", "parameters": given}],
+    }
+    (tmp_path / "diagnosis.json").write_text(json.dumps(found))
+    out, figures = tmp_path / "motor.yaml", ("--with", tmp_path / "diagnosis.json")
+    assert call(bag, "--machine", "dc_motor", *figures, "--out", out) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert any("asymmetric_friction." in line for line in lines)
+    assert any("95 % interval" in line for line in lines)
+    assert "asymmetric_friction.presliding" in load_machine(out).parameters
+
+
 def test_json_is_all_that_it_prints(bag, tmp_path, capsys):
     """With --json, standard output is one object with the keys of the file's `calibration`."""
     out = tmp_path / "motor.yaml"

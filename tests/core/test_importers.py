@@ -237,7 +237,9 @@ def test_no_carriage_is_proposed_as_the_time():
     assert propose_fields({"t": "", "u": "", "carriage_m_s": ""})["time"] == "t:UNIT"
 
 
-@pytest.mark.parametrize("name", ["speed_rad_s", "omega [rad/s]", "alarms", "t_s", "w", "trpm", "n_m"])
+@pytest.mark.parametrize(
+    "name", ["speed_rad_s", "omega [rad/s]", "alarms", "t_s", "w", "trpm", "n_m"]
+)
 def test_a_name_that_says_si_or_nothing_is_si(name):
     """A word that merely ends like a unit is none."""
     assert parse_field(name, "speed" if "t_s" not in name else "time").factor == 1

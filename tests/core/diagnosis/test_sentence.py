@@ -90,6 +90,7 @@ def test_sets_that_are_alike_are_named_by_what_not_all_of_them_have():
     sets = [("inertia", "coulomb_friction"), ("inertia", "stribeck_friction", "sensor_lag")]
     assert apart(sets) == "coulomb friction and stribeck friction with sensor lag"
     assert apart([("inertia",), ("inertia", "sensor_lag")]) == "sensor lag and its absence"
+    assert apart([("sensor_lag",)] * 3) == "these amounts of sensor lag"
 
 
 def test_of_what_the_machine_file_knows_both_values_are_told():
