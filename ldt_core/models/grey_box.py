@@ -41,6 +41,8 @@ ALIKE = 2 * math.log(20.0)
 NOISE_FLOOR = 1e-4
 #: Times the precision of the file's tolerances, where they are not trusted: ten deviations are one.
 LOOSE = 1e-2
+#: Precision, in tolerances, beyond which a stiff run's differences are no machine's: a millionth.
+MOST_TOLD = 1e12
 
 
 class GreyBoxModel(Model):
@@ -343,6 +345,8 @@ class GreyBoxModel(Model):
         k = len(box.uncertain)
         told = fit.information.copy()
         told[:k, :k] -= found.prior.precision
+        absurd = np.diag(told) > MOST_TOLD
+        told[absurd], told[:, absurd] = 0.0, 0.0
         information = told / excess
         information[:k, :k] += found.prior.precision
         information[np.diag_indices(box.size)] += 1e-9

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -154,6 +156,21 @@ def test_a_record_makes_the_same_model():
         spoilt = {**record.parameters, key: value}
         with pytest.raises(ModelError):
             GreyBoxModel.from_record(type(record)(1, "grey_box", (1,), spoilt), ROTOR)
+
+
+def test_a_difference_that_exploded_tells_nothing():
+    """At presliding of 6 µrad one had a precision of 1e22, and the next version was refused."""
+    (first,) = experiments(DC, 1, [("coulomb_friction", {"torque": 0.01})], seed=8)
+    model = GreyBoxModel(DC)
+    friction = (get_effect("coulomb_friction"),)
+    found = finished(model.search_on([first]).fitted(model.present, friction))
+    huge = found.fit.information.copy()
+    huge[1], huge[:, 1] = 1e11 * huge[1], 1e11 * huge[:, 1]
+    wild = replace(found, fit=replace(found.fit, information=huge))
+    fitted = model.adopt(wild, [first])
+    restore_model(fitted.record(), DC, {"model": "auto"})
+    precision = np.array(fitted.record().parameters["prior"]["precision"])
+    assert precision[1, 1] == pytest.approx(found.prior.precision[1, 1], rel=1e-6)
 
 
 #: Dry friction that builds up over a turn and is a third lower near standstill.
