@@ -36,7 +36,7 @@ NAV: dict[str, list[str]] = {
     ],
     "Explanation": ["diagnosis", "defaults", "paper"],
     "Reference": ["commands", "api", "topics", "parameters", "effects", "glossary"],
-    "Evidence": ["accuracy", "streams", "promises", "speed"],
+    "Evidence": ["accuracy", "limits", "streams", "promises", "speed"],
     "More": ["gallery", "changelog", "contributing"],
 }
 LINK = re.compile(r"\]\((?!https?://|#)([^)\s]+)\)")

@@ -2,7 +2,7 @@
 
 A power is a sum of squares of residuals in noise deviations, a loss the same with the noise in it.
 The gap is the power that the machine file leaves beyond the noise; the remainder is what a set of
-effects leaves of it.
+effects leaves of it. `ldt docs limits` shows what each is worth: how many answers change with it.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 #: Chosen so that the cases of `ldt challenge`, whose laws are not the library's, come out right.
-CASES = "chosen on simulated machines, see `ldt challenge`"
+CASES = "cases of `ldt challenge`"
 CHI_SQUARE = "chi-square distribution, 1 degree of freedom"
 CHOSEN = "chosen"
 MOTOR = "a motor's free response, see `physics.motor`"

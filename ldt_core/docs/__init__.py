@@ -14,7 +14,7 @@ def names() -> list[str]:
     order = (
         *("start", "watch", "python", "connect", "machine", "deploy", "network"),
         *("real", "diagnosis", "detector", "advice", "defaults", "effect", "physics"),
-        *("accuracy", "streams", "paper", "promises", "speed"),
+        *("accuracy", "limits", "streams", "paper", "promises", "speed"),
     )
     found = {file.stem for file in FOLDER.glob("*.md")}
     return [n for n in order if n in found] + sorted(found.difference(order))
