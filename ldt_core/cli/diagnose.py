@@ -233,7 +233,7 @@ def _row(a: RecordingAnswer) -> list[str]:
     return [a.recording, verdict["kind"], effects, sure, closed, change]
 
 
-def _print(found: Diagnosis, folder: Path, only: str) -> None:
+def _print(found: Diagnosis, folder: Path, only: str = "") -> None:
     from ldt_core.diagnosis.sentence import applied, values
     from ldt_core.views.diagnosis_page.diagnosis_page import JSON, PAGE
     from ldt_core.views.diagnosis_page.next_step import next_step
