@@ -44,6 +44,7 @@ KEPT = Path(__file__).parents[1] / "bags" / "limits.json"
 ELSEWHERE = {
     "trusted_experiments": "asked where a sensor is faulty",
     "start_state_gain": "asked in each fit",
+    "prior_deviations": "asked of the file's numbers",
     "told_of_gap": "chooses words",
     "settling_distance": "asked of a further experiment",
 }
