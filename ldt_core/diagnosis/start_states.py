@@ -360,4 +360,4 @@ def directions(columns: Array, deviations: Array) -> Array:
         return free
     moved = project_out(columns[:, known] * deviations[known], free)
     left, size, _ = np.linalg.svd(moved, full_matrices=False)
-    return np.column_stack([free, left * np.sqrt(1 - 1 / np.sqrt(1 + size**2))])
+    return np.column_stack([free, left * np.sqrt(1 - 1 / np.hypot(1.0, size))])

@@ -212,6 +212,13 @@ def test_a_start_state_known_a_little_is_noise_like_any_other(seed, deviation):
     assert float(left @ left) == pytest.approx(float(away @ np.linalg.solve(both, away)), rel=1e-6)
 
 
+def test_a_start_state_whose_run_explodes_explains_all_in_its_direction():
+    """Its square was beyond the largest number, and a warning stood in the terminal."""
+    columns = np.array([[1e200], [0.0], [0.0]])
+    left = project_out(np.ones(3), directions(columns, np.array([1.0])))
+    np.testing.assert_allclose(left, [0.0, 1.0, 1.0])
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [2, 4])
 @pytest.mark.parametrize("hold", [60, 150])
