@@ -11,7 +11,6 @@ from rich.table import Table
 from ldt_core.base.errors import OptionError
 from ldt_core.base.printable import as_argument, one_line
 from ldt_core.base.sentences import counted
-from ldt_core.base.settings import as_options
 from ldt_core.cli.console import Console
 from ldt_core.cli.options import (
     declared_option,
@@ -169,9 +168,11 @@ def _in_lines(name: str) -> str:
 
 def _print_next(found: Calibration, recordings: Sequence[str], only: str, out: str) -> None:
     """What to do with the file, and the command."""
+    from ldt_core.cli.recordings import as_arguments
+
     played, file = as_argument(recordings[0]), as_argument(out)
     words, command = "let the twin watch", f"ldt run --play {played} --machine {file} --out played"
     if found.lacking != []:
-        given = f"{' '.join(map(as_argument, recordings))} {as_options({'only': only})}".rstrip()
+        given = as_arguments(recordings, only)
         words, command = "what it lacks", f"ldt diagnose {given} --machine {file} --out why"
     echo(one_line(f"Next, {words}: {command}"))

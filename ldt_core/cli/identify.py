@@ -11,7 +11,6 @@ from click.core import ParameterSource
 
 from ldt_core.base.errors import LdtError, OptionError
 from ldt_core.base.printable import as_argument, one_line
-from ldt_core.base.settings import as_options
 from ldt_core.cli.options import (
     declared_option,
     json_option,
@@ -106,14 +105,14 @@ def command(
     from ldt_core.calibration.identify import identify_machine
     from ldt_core.calibration.machine_yaml import write_machine_file
     from ldt_core.cli.recorded_machine import recorded_machine
-    from ldt_core.cli.recordings import naming, read_recordings
+    from ldt_core.cli.recordings import as_arguments, naming, read_recordings
     from ldt_core.machine.direction_check import swapped
 
     check_file(out, force)
     if name is None:  # a diagnosis refuses a file of another machine than the recorded one
         name = recorded_machine(recordings[0], namespace) or Path(out).stem
     experiments = read_recordings(recordings, namespace, only=only)
-    bags = f"{' '.join(map(as_argument, recordings))} {as_options({'only': only})}".rstrip()
+    bags = as_arguments(recordings, only)
     if effects is not None:
         _refuse_idle("--order", "--offset", "--holdout")
         names = [n.strip() for n in effects.split(",")]

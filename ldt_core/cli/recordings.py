@@ -11,7 +11,9 @@ import numpy as np
 
 from ldt_core.base.errors import ExperimentError, LdtError, RecordingError
 from ldt_core.base.experiment import Experiment
+from ldt_core.base.printable import as_argument
 from ldt_core.base.sentences import counted, some
+from ldt_core.base.settings import as_options
 from ldt_core.cli.terminal import warn
 from ldt_core.machine.experiment_limits import AMPLITUDE_FACTOR, outsized
 from ldt_core.machine.machine_file import Machine
@@ -20,6 +22,11 @@ from ldt_core.recording.health import damage
 from ldt_core.recording.held_samples import HeldSamples
 
 SHOWN = 3  # experiments named in a sentence
+
+
+def as_arguments(recordings: Sequence[str], only: str) -> str:
+    """The arguments of a command that reads the same experiments of the same recordings."""
+    return " ".join(filter(None, [*map(as_argument, recordings), as_options({"only": only})]))
 
 
 def read_recordings(

@@ -88,19 +88,22 @@ class StructureSearch(Screening):
         effects: Sequence[Effect],
         near: Array | None = None,
         sized: bool = True,
+        again: bool = True,
     ) -> Pausable[FittedStructure]:
-        """These effects with the machine's parameters, fitted whole; see `fit_grey_box`."""
+        """These effects with the machine's parameters, fitted whole; see `fit_grey_box`.
+
+        Args:
+            again: as of `GreyBox.first_guesses`.
+        """
         box = GreyBox(self.machine, effects, self.tolerances)
-        guesses = box.first_guesses(present.given, again=True)
+        guesses = box.first_guesses(present.given, again=again)
         starts = [np.concatenate([present.prior.mean, g]) for g in guesses]
         return (yield from self._structure(box, present.prior, starts, near, sized))
 
     def beside(self, present: Present, effect: Effect) -> Pausable[FittedStructure]:
         """One more effect, the present ones being begun with as they are."""
-        box = GreyBox(self.machine, (*present.effects, effect), self.tolerances)
-        guesses = box.first_guesses(present.given)
-        starts = [np.concatenate([present.prior.mean, g]) for g in guesses]
-        return (yield from self._structure(box, present.prior, starts, None, sized=False))
+        effects = (*present.effects, effect)
+        return (yield from self.fitted(present, effects, sized=False, again=False))
 
     def refined(self, present: Present, near: Array) -> Pausable[FittedStructure]:
         """The present effects with the machine's parameters, fitted next to these coordinates."""
