@@ -10,9 +10,10 @@ from ldt_core.base.compiled import njit
 from ldt_core.effects.base import SMALL_VOLTAGE, Effect
 from ldt_core.physics.parameter import Parameter, Values
 
-# Speed over which dry friction turns its sign [rad/s]. A jump at 0 would break the integrator's
-# order. A shaft that sticks creeps at a fraction of this instead, far below any sensor's noise.
-STICK_SPEED = 0.02
+# Dry friction turns its sign over the speed that has this back-EMF [V]: a jump at 0 would break the
+# integrator's order. A shaft that sticks creeps at a fraction of that speed instead. It is a ten
+# thousandth of a 12 V motor's, spindle or turntable, and far below any sensor's noise.
+STICK_VOLTAGE = 1e-3
 # Fastest rate at which bristles bend [1/s]. A shaft that turns by `presliding` in less than a
 # millisecond bends them faster than a drive samples, and an integrator would follow what nobody
 # sees: at 200 rad/s, steps of a tenth of a millisecond. A start from rest takes many times longer.
@@ -24,20 +25,25 @@ SURVEY = (
 
 
 def _dry_rate(values: Values, torque: float) -> float:
-    return torque / (values["J"] * STICK_SPEED)
+    return torque * values["K_t"] / (values["J"] * STICK_VOLTAGE)
+
+
+@njit()
+def _sign(omega, constant):  # pragma: no cover - compiled
+    return math.tanh(omega * constant / STICK_VOLTAGE)
 
 
 def _coulomb(t, theta, omega, current, voltage, p):
-    return -p[0] * math.tanh(omega / STICK_SPEED)
+    return -p[0] * _sign(omega, p[2])
 
 
 def _stribeck(t, theta, omega, current, voltage, p):
     level = p[0] + p[1] * math.exp(-((omega / p[2]) ** 2))
-    return -level * math.tanh(omega / STICK_SPEED)
+    return -level * _sign(omega, p[4])
 
 
 def _asymmetric(t, theta, omega, current, voltage, p):
-    sign = math.tanh(omega / STICK_SPEED)
+    sign = _sign(omega, p[3])
     return -0.5 * (p[0] + p[1] + (p[0] - p[1]) * sign) * sign
 
 
@@ -48,7 +54,7 @@ def _viscous_asymmetric(t, theta, omega, current, voltage, p):
 def _gear(t, theta, omega, current, voltage, p):
     small = SMALL_VOLTAGE / p[3]
     size = current * current / math.sqrt(current * current + small * small)
-    return -p[0] * p[2] * size * math.tanh(omega / STICK_SPEED)
+    return -p[0] * p[2] * size * _sign(omega, p[2])
 
 
 def _gear_rate(values, voltage, coefficient):
@@ -74,7 +80,7 @@ def _elastic_coulomb(t, theta, omega, current, voltage, p, state, rate):
 
 def _elastic_asymmetric(t, theta, omega, current, voltage, p, state, rate):
     rate[0] = _bending(omega, state[0], p[2])
-    level = 0.5 * (p[0] + p[1] + (p[0] - p[1]) * math.tanh(omega / STICK_SPEED))
+    level = 0.5 * (p[0] + p[1] + (p[0] - p[1]) * _sign(omega, p[4]))
     return -level * state[0] / p[2]
 
 
@@ -101,12 +107,12 @@ def _of_bristles(plain: Effect, torque: Callable[..., float]) -> Effect:
     """The law, and in detail with friction that builds up over a turn.
 
     Args:
-        plain: the law alone, whose `fastest` is its largest torque over J STICK_SPEED.
+        plain: the law alone, whose `fastest` is its largest torque over J and its sign's speed.
         torque: the function of its bristles.
     """
 
     def fastest(values: Values, voltage: float, presliding: float, **given: float) -> float:
-        spring = plain.rate(values, voltage, given) * STICK_SPEED / presliding
+        spring = plain.rate(values, voltage, given) * STICK_VOLTAGE / (values["K_t"] * presliding)
         top = voltage / values["K_t"]
         return max(math.sqrt(spring), min(top / presliding, BENDING_RATE))
 
@@ -127,7 +133,6 @@ def _of_bristles(plain: Effect, torque: Callable[..., float]) -> Effect:
         parameters=(*plain.parameters, presliding),
         torque=torque,
         states=("deflection",),
-        needs=("J", "K_t", *(n for n in plain.needs if n not in ("J", "K_t"))),
         fastest=fastest,
         reference="Canudas de Wit, Olsson, Åström, Lischinsky, A new model for control of systems "
         "with friction, IEEE Transactions on Automatic Control 40 (1995) 419; Dahl's, undamped",
@@ -161,7 +166,7 @@ def _of_changing_level(plain: Effect, torque: Callable[..., float]) -> Effect:
     velocity = Parameter(
         "velocity",
         "rad/s",
-        0.1,  # as of Stribeck friction
+        1e-3,  # as of Stribeck friction
         default=5.0,
         description="speed over which the change fades",
         scale=5.0,
@@ -197,13 +202,13 @@ COULOMB_FRICTION = Effect(
     name="coulomb_friction",
     family="dry friction",
     description="dry friction of the same size at every speed",
-    equation="torque = -T sign(omega), the sign smoothed over 0.02 rad/s",
+    equation="torque = -T sign(omega), the sign smoothed over 1 mV / K_t",
     parameters=(
         Parameter("torque", "N m", 0.0, default=0.0, description="friction torque T", scale=0.05),
     ),
     typical={"torque": 0.05},
     torque=_coulomb,
-    needs=("J",),
+    needs=("J", "K_t"),
     fastest=lambda values, voltage, torque: _dry_rate(values, torque),
     reference=SURVEY,
 )
@@ -214,7 +219,7 @@ ASYMMETRIC_FRICTION = Effect(
     name="asymmetric_friction",
     family="dry friction",
     description="dry friction that differs forward and backward (a worn bearing, a worm gear)",
-    equation="torque = -T_f for omega > 0, +T_b for omega < 0, smoothed over 0.02 rad/s",
+    equation="torque = -T_f for omega > 0, +T_b for omega < 0, smoothed over 1 mV / K_t",
     parameters=(
         Parameter(
             "torque_forward", "N m", 0.0, default=0.0, description="for omega > 0, T_f", scale=0.05
@@ -225,7 +230,7 @@ ASYMMETRIC_FRICTION = Effect(
     ),
     typical={"torque_forward": 0.1, "torque_backward": 0.05},
     torque=_asymmetric,
-    needs=("J",),
+    needs=("J", "K_t"),
     fastest=lambda values, voltage, torque_forward, torque_backward: _dry_rate(
         values, max(torque_forward, torque_backward)
     ),
@@ -237,7 +242,7 @@ LOAD_FRICTION = Effect(
     name="load_friction",
     family="dry friction",
     description="dry friction proportional to the transmitted torque, as in a gear",
-    equation="torque = -mu |K_t i| sign(omega), the sign smoothed over 0.02 rad/s, the size over "
+    equation="torque = -mu |K_t i| sign(omega), the sign smoothed over 1 mV / K_t, the size over "
     "i = 0.1 V / R",
     parameters=(
         Parameter(
@@ -263,14 +268,14 @@ STRIBECK_FRICTION = Effect(
     name="stribeck_friction",
     family="dry friction",
     description="dry friction that is larger near standstill",
-    equation="torque = -(T + T_s exp(-(omega / omega_s)^2)) sign(omega), smoothed over 0.02 rad/s",
+    equation="torque = -(T + T_s exp(-(omega / omega_s)^2)) sign(omega), smoothed over 1 mV / K_t",
     parameters=(
         Parameter("torque", "N m", 0.0, default=0.0, description="at high speed, T", scale=0.05),
         Parameter("static", "N m", 0.0, default=0.0, description="more at 0, T_s", scale=0.05),
         Parameter(
             "velocity",
             "rad/s",
-            0.1,  # slower than this it could not be told from the smoothed sign
+            1e-3,  # not 0, by which the law divides: slower than any shaft that is measured
             default=5.0,
             description="speed over which the excess fades, omega_s",
             scale=5.0,
@@ -279,7 +284,7 @@ STRIBECK_FRICTION = Effect(
     typical={"torque": 0.05, "static": 0.1, "velocity": 5.0},
     search={"torque": (0.01, 0.05, 0.2), "static": (0.0, 0.05, 0.2), "velocity": (1.0, 4.0, 15.0)},
     torque=_stribeck,
-    needs=("J",),
+    needs=("J", "K_t"),
     fastest=lambda values, voltage, torque, static, velocity: _dry_rate(values, torque + static),
     reference=SURVEY,
 )

@@ -100,12 +100,24 @@ class GreyBox:
             n for n, v in self.nominal.items() if v != 0 and tolerances.get(n, 0.0) > 0
         ]
         self.tolerance = np.array([tolerances[n] for n in self.uncertain])
-        k = len(self.uncertain)
         most_voltage = max(map(abs, machine.voltage_limits))
         self._most = most_of(self.nominal, most_voltage)
         self._own = EffectCoordinates(self.effects, self.nominal, most_voltage)
-        self.low = np.append(np.full(k, -WIDEST), self._own.low)
-        self.high = np.append(np.full(k, WIDEST), self._own.high)
+        self._bounds = {p.name: (p.low, p.high) for p in self.physics.parameters}
+        ends = self._machine_ends()
+        self.low = np.append(ends[:, 0], self._own.low)
+        self.high = np.append(ends[:, 1], self._own.high)
+
+    def _machine_ends(self) -> Array:
+        """(k, 2) least and largest machine coordinates: no value is outside its bounds."""
+        ends = np.tile([-WIDEST, WIDEST], (len(self.uncertain), 1))
+        for row, name, tolerance in zip(ends, self.uncertain, self.tolerance, strict=True):
+            value = self.nominal[name]
+            near, far = sorted(end / value for end in self._bounds[name])
+            if near > 0:
+                row[0] = max(row[0], math.log(near) / tolerance)
+            row[1] = min(row[1], math.log(far) / tolerance)
+        return ends
 
     @property
     def size(self) -> int:
@@ -128,7 +140,8 @@ class GreyBox:
         k = len(self.uncertain)
         machine = dict(self.nominal)
         for name, tolerance, x in zip(self.uncertain, self.tolerance, q[:k], strict=True):
-            machine[name] = self.nominal[name] * math.exp(tolerance * x)
+            low, high = self._bounds[name]
+            machine[name] = min(max(self.nominal[name] * math.exp(tolerance * x), low), high)
         return machine, self._own.given(q[k:])
 
     def coordinates(self, given: Mapping[str, Mapping[str, float]], machine: Array) -> Array:

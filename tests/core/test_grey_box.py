@@ -11,7 +11,7 @@ from ldt_core.base.errors import ModelError
 from ldt_core.base.experiment import Experiment, rms
 from ldt_core.base.pausable import finished
 from ldt_core.effects import get_effect
-from ldt_core.estimation.grey_box import FINE_STEP, SHORTEST, GreyBox, Prior
+from ldt_core.estimation.grey_box import FINE_STEP, SHORTEST, WIDEST, GreyBox, Prior
 from ldt_core.estimation.grey_box_fit import fit_grey_box
 from ldt_core.estimation.grey_box_problem import GreyBoxProblem
 from ldt_core.estimation.structure_screening import Present
@@ -92,6 +92,18 @@ def test_coordinates_and_values_are_one_to_one():
     own = [np.log(machine[n] / box.nominal[n]) for n in box.uncertain] / box.tolerance
     again = box.coordinates({effect.name: given for effect, given in use}, own)
     assert again == pytest.approx(q)
+
+
+def test_what_the_file_knows_stays_within_its_bounds():
+    """Presliding is at least 1 mrad and at most 3 rad, however little is known of it."""
+    known = ("coulomb_friction", {"torque": 0.02, "presliding": 0.01})
+    machine = DC.with_effects([get_effect(known[0]).used(known[1])])
+    name = "coulomb_friction.presliding"
+    box = GreyBox(machine, (), {name: 2.0, "J": 0.1})
+    least, most = (box.values(q)[0] for q in (box.low, box.high))
+    assert least[name] == pytest.approx(1e-3)
+    assert most[name] == pytest.approx(3.0)
+    assert most["J"] / least["J"] == pytest.approx(np.exp(2 * WIDEST * 0.1))
 
 
 def test_the_prior_holds_what_the_data_do_not_tell():
