@@ -146,6 +146,22 @@ def own_part(found: Sequence[Refit]) -> float | None:
     return part if part > THRESHOLDS.told_of_gap else None
 
 
+def moved(found: Sequence[Refit]) -> str:
+    """Those whose interval says that they are other ones than the file's, in brackets; or ""."""
+    rows = [r for r in found if r.ci95 is not None and not r.ci95[0] <= 1.0 <= r.ci95[1]]
+    return f" ({_factors(rows)})" if rows else ""
+
+
+def closing(found: Sequence[Refit]) -> str:
+    """What nominal parameters close by themselves, as a clause; "" for next to nothing."""
+    part = own_part(found)
+    return "" if part is None else f"nominal parameters{moved(found)} close {part:.0%} of the gap"
+
+
+def _factors(found: Sequence[Refit]) -> str:
+    return listed(f"{r.parameter} × {r.factor:.3g}" for r in found)
+
+
 def enough(machine: Machine, found: Sequence[Refit], before: float) -> str:
     """The sentence where these parameters close a gap by themselves; "" where there is none.
 
@@ -155,7 +171,7 @@ def enough(machine: Machine, found: Sequence[Refit], before: float) -> str:
     part = own_part(found)
     if part is None:
         return ""
-    what = listed(f"{r.parameter} × {r.factor:.3g}" for r in found)
+    what = _factors(found)
     left = _left_when_made(machine)
     since = (
         f" The file left {left:.3g} rad/s on experiments held out when it was made: the machine, "

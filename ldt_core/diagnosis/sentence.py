@@ -32,7 +32,7 @@ def sentence(
     left: float | None,
     begun: tuple[HeldOutErrors, HeldOutErrors] | None = None,
     spent: bool = False,
-    own: float | None = None,
+    own: str = "",
 ) -> str:
     """One or two sentences for a person.
 
@@ -41,7 +41,8 @@ def sentence(
         begun: errors without the effects and with them from start states that were fitted, where
             a free run from the usual ones is no better with them.
         spent: whether the search ended at its limit of work.
-        own: part of the gap that nominal parameters close by themselves, unless next to nothing.
+        own: what nominal parameters close of the gap by themselves, as a clause; see
+            `nominal.closing`.
     """
     if kind == "none" and gap.before.rmse**2 > THRESHOLDS.plainly_structured * gap.noise_std**2:
         return (
@@ -61,9 +62,7 @@ def sentence(
         none = "none of the known effects explains"
         if spent:
             none = "no set of effects that was tried before the limit of work explains"
-        first, rest = "", "the gap"
-        if own is not None:
-            first, rest = f"nominal parameters close {own:.0%} of the gap, and ", "the rest"
+        first, rest = (f"{own}, and ", "the rest") if own else ("", "the gap")
         return (
             f"Unknown: {first}{none} {rest}{place}.{much} "
             f"On held-out experiments the error is {gap.before.rmse:.3g} rad/s."

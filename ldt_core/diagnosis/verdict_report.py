@@ -44,8 +44,8 @@ from ldt_core.diagnosis.nominal import (
     as_calibrated,
     at_the_end,
     beyond,
+    closing,
     enough,
-    own_part,
     refits,
     said,
     with_all,
@@ -158,7 +158,7 @@ class VerdictReport:
         effects = list(dict.fromkeys(n for group in acting for n in group))
         spent = self.search.spent
         refit = self._refit(whole, before, noise)
-        told = (left, angles, spent, own_part(refit))
+        told = (left, angles, spent, closing(refit))
         words = sentence(self.machine.name, d.kind, acting, found, gap, where, *told)
         if self.objection and d.best:
             words = not_standing(d.best.names, gap, where, self.objection)

@@ -120,6 +120,12 @@ def test_the_short_sentence_names_cause_amount_and_what_it_closes(diagnoses):
     assert headline(none).startswith("No gap: ")
     closing = Refit("J", 1.1, None, 0.05, 0.97)
     assert ", nominal parameters close 97 %, and no" in headline(replace(unknown, refit=[closing]))
+    known, other = (
+        replace(closing, parameter=n, ci95=ends)
+        for n, ends in (("R", (0.9, 1.3)), ("L", (0.5, 0.8)))
+    )
+    said = headline(replace(unknown, refit=[closing, known, other]))
+    assert ", nominal parameters (L × 1.1) close 97 %, and no" in said
     assert headline(replace(none, refit=[closing])).startswith("No effect is needed: the file's ")
     told = diagnosis_sections.answer(replace(none, refit=[closing]), Path("diagnosis.json"))
     assert told.mark.word == "no effect needed"

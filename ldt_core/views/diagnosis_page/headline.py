@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from ldt_core.base.sentences import listed, spoken
 from ldt_core.diagnosis.diagnosis import Diagnosis, ParameterAmount
-from ldt_core.diagnosis.nominal import own_part
+from ldt_core.diagnosis.nominal import moved, own_part
 from ldt_core.diagnosis.sentence import location
 from ldt_core.views.diagnosis_page.number_format import known, percent, unit_of, value_of
 
@@ -44,10 +44,10 @@ def headline(diagnosis: Diagnosis) -> str:
             f"and the noise is {value_of(gap.noise_std, DIGITS)} rad/s."
         )
     if verdict.kind not in ("effect", "ambiguous") or not verdict.acting:
-        told, own = f"No known cause explains the gap of {before} rad/s", own_part(diagnosis.refit)
-        if own is not None:
-            told = f"Of the gap of {before} rad/s, nominal parameters close {percent(own)}"
-            told += ", and no known cause explains the rest"
+        told = f"No known cause explains the gap of {before} rad/s"
+        if own := own_part(diagnosis.refit):
+            numbers = f"nominal parameters{moved(diagnosis.refit)} close {percent(own)}"
+            told = f"Of the gap of {before} rad/s, {numbers}, and no known cause explains the rest"
         if diagnosis.where:
             clearest = diagnosis.where[0]
             told += f"; {percent(clearest.share_of_gap)} of it lies {location(clearest)}"

@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import pytest
 
-from ldt_core.diagnosis.diagnosis import Gap, GapLocation, HeldOutErrors, ParameterAmount
+from ldt_core.diagnosis.diagnosis import Gap, GapLocation, HeldOutErrors, ParameterAmount, Refit
 from ldt_core.diagnosis.next_experiment import apart
+from ldt_core.diagnosis.nominal import closing
 from ldt_core.diagnosis.sentence import grown, sentence
 from ldt_core.effects import get_effect
 
@@ -47,10 +48,12 @@ def test_a_gap_that_is_everywhere_has_no_place_in_the_sentence():
 
 def test_what_the_best_set_leaves_is_told_of_what_nominal_parameters_leave():
     """It "left 15 % of the gap" where these had closed 99 % of it."""
-    words = sentence("rig", "unknown", [], {}, GAP, [place(15.0, 31.0, 0.95)], 0.15, own=0.99)
+    rows = [Refit(n, 1.1, ends, 0.05, 0.99) for n, ends in (("J", (1.05, 1.15)), ("R", (0.9, 1.3)))]
+    where = [place(15.0, 31.0, 0.95)]
+    words = sentence("rig", "unknown", [], {}, GAP, where, 0.15, own=closing(rows))
     assert words.startswith(
-        "Unknown: nominal parameters close 99% of the gap, and none of the known effects explains "
-        "the rest, which lies at speeds from 15 to 31 rad/s. The best set of them leaves 15% of it."
+        "Unknown: nominal parameters (J × 1.1) close 99% of the gap, and none of the known effects "
+        "explains the rest, which lies at speeds from 15 to 31 rad/s. The best set of them leaves 15% of it."
     )
 
 
