@@ -53,7 +53,8 @@ def test_what_the_best_set_leaves_is_told_of_what_nominal_parameters_leave():
     words = sentence("rig", "unknown", [], {}, GAP, where, 0.15, own=closing(rows))
     assert words.startswith(
         "Unknown: nominal parameters (J × 1.1) close 99% of the gap, and none of the known effects "
-        "explains the rest, which lies at speeds from 15 to 31 rad/s. The best set of them leaves 15% of it."
+        "explains the rest, which lies at speeds from 15 to 31 rad/s. The best set of them leaves "
+        "15% of it."
     )
 
 
