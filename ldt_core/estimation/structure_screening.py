@@ -172,6 +172,25 @@ class Screening:
                 alike.append(rival.name)
         return alike
 
+    def leading(self, present: Present, tried: Sequence[Effect]) -> Pausable[list[Effect]]:
+        """Those beside which the strongest observer leaves noise; a free run with another one
+        hardly does.
+
+        Args:
+            present: effects that act as well.
+        """
+        if not tried:
+            return []
+        found = []
+        basis, silent = self.machine_slopes(present, STRONGEST)
+        for effect in tried:
+            effects = (*present.effects, effect)
+            beside = self.screened(present, effects, basis, STRONGEST, silent)
+            yield beside.work
+            if beside.explains:
+                found.append(effect)
+        return found
+
     def _eliminated(
         self, present: Present, problem: GreyBoxProblem, basis: Array, gain: float
     ) -> tuple[float, Array, Array]:

@@ -164,18 +164,19 @@ def _other_numbers(
             with_drag = {**rest, DRAG: drag.neutral}
             starts.append(Present((*acting, drag), with_drag, starts[0].prior))
     said = {*model.given, *(model.causes.alike if effect is model.effects[-1] else ())}
-    found = []
+    rivals = [e for e in library if e.name not in said]
+    found: list[Effect] = []
     with suppress(*UNLEARNABLE), one_thread():
         search = model.search_on(experiments)
         most = _refined(model, model.effects, model.given, experiments).score + ALIKE
-        for other in (e for e in library if e.name not in said):
-            scaled = {effect.family, other.family} == SCALED
-            for begin in starts if scaled else starts[:1]:
+        for begin in starts:
+            scaled = [e for e in rivals if {effect.family, e.family} == SCALED]
+            tried = [e for e in (rivals if begin is starts[0] else scaled) if e not in found]
+            for other in finished(search.leading(begin, tried)):
                 fitted = finished(search.beside(begin, other))
                 if fitted.explains and fitted.score < most:
-                    found.append(spoken(other.name))
-                    break
-    return found
+                    found.append(other)
+    return [spoken(e.name) for e in library if e in found]
 
 
 def _current_speaks_against(
