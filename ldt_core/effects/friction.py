@@ -8,12 +8,14 @@ from dataclasses import replace
 
 from ldt_core.base.compiled import njit
 from ldt_core.effects.base import SMALL_VOLTAGE, Effect
-from ldt_core.physics.parameter import Parameter, Values
+from ldt_core.physics.base import MAX_STEP
+from ldt_core.physics.parameter import SMALLEST, Parameter, Values
 
-# Dry friction turns its sign over the speed that has this back-EMF [V]: a jump at 0 would break the
-# integrator's order. A shaft that sticks creeps at a fraction of that speed instead. It is a ten
-# thousandth of a 12 V motor's, spindle or turntable, and far below any sensor's noise.
-STICK_VOLTAGE = 1e-3
+# Dry friction turns its sign over this speed [rad/s], or over what it takes off in this time [s]
+# where that is less: 1e-4 rad/s for a turntable that it stops in a second. A jump at 0 would break
+# the integrator's order. A shaft that sticks creeps at a fraction of that speed instead, below any
+# sensor's noise. The time is the longest integration step, so that it asks for no shorter ones.
+STICK_SPEED, STICK_TIME = 0.02, MAX_STEP
 # Fastest rate at which bristles bend [1/s]. A shaft that turns by `presliding` in less than a
 # millisecond bends them faster than a drive samples, and an integrator would follow what nobody
 # sees: at 200 rad/s, steps of a tenth of a millisecond. A start from rest takes many times longer.
@@ -24,26 +26,23 @@ SURVEY = (
 )
 
 
-def _dry_rate(values: Values, torque: float) -> float:
-    return torque * values["K_t"] / (values["J"] * STICK_VOLTAGE)
-
-
 @njit()
-def _sign(omega, constant):  # pragma: no cover - compiled
-    return math.tanh(omega * constant / STICK_VOLTAGE)
+def _sign(omega, level, inertia):  # pragma: no cover - compiled
+    """The smoothed sign of a friction torque whose size is `level` near standstill [N m]."""
+    return math.tanh(omega / min(STICK_SPEED, max(level, SMALLEST) / inertia * STICK_TIME))
 
 
 def _coulomb(t, theta, omega, current, voltage, p):
-    return -p[0] * _sign(omega, p[2])
+    return -p[0] * _sign(omega, p[0], p[1])
 
 
 def _stribeck(t, theta, omega, current, voltage, p):
     level = p[0] + p[1] * math.exp(-((omega / p[2]) ** 2))
-    return -level * _sign(omega, p[4])
+    return -level * _sign(omega, p[0] + p[1], p[3])
 
 
 def _asymmetric(t, theta, omega, current, voltage, p):
-    sign = _sign(omega, p[3])
+    sign = _sign(omega, max(p[0], p[1]), p[2])
     return -0.5 * (p[0] + p[1] + (p[0] - p[1]) * sign) * sign
 
 
@@ -54,12 +53,8 @@ def _viscous_asymmetric(t, theta, omega, current, voltage, p):
 def _gear(t, theta, omega, current, voltage, p):
     small = SMALL_VOLTAGE / p[3]
     size = current * current / math.sqrt(current * current + small * small)
-    return -p[0] * p[2] * size * _sign(omega, p[2])
-
-
-def _gear_rate(values, voltage, coefficient):
-    # The shaft is slow where the slope of the sign matters, so the current is that of stall.
-    return _dry_rate(values, coefficient * values["K_t"] * voltage / values["R"])
+    level = p[0] * p[2] * size
+    return -level * _sign(omega, level, p[1])
 
 
 # The same laws of bristles, which bend before they slip: p holds `presliding` after the law's own.
@@ -80,7 +75,7 @@ def _elastic_coulomb(t, theta, omega, current, voltage, p, state, rate):
 
 def _elastic_asymmetric(t, theta, omega, current, voltage, p, state, rate):
     rate[0] = _bending(omega, state[0], p[2])
-    level = 0.5 * (p[0] + p[1] + (p[0] - p[1]) * _sign(omega, p[4]))
+    level = 0.5 * (p[0] + p[1] + (p[0] - p[1]) * _sign(omega, max(p[0], p[1]), p[3]))
     return -level * state[0] / p[2]
 
 
@@ -103,18 +98,23 @@ def _changing_coulomb(t, theta, omega, current, voltage, p, state, rate):
     return -level * state[0] / p[1]
 
 
-def _of_bristles(plain: Effect, torque: Callable[..., float]) -> Effect:
-    """The law, and in detail with friction that builds up over a turn.
+def _dry(plain: Effect, bristles: Callable[..., float], most: Callable[..., float]) -> Effect:
+    """A law that turns its sign at once, and in detail with friction that builds up over a turn.
 
     Args:
-        plain: the law alone, whose `fastest` is its largest torque over J and its sign's speed.
-        torque: the function of its bristles.
+        plain: the law, without `fastest`.
+        bristles: the torque in detail.
+        most: (values, voltage, **p) -> the largest torque [N m].
     """
 
-    def fastest(values: Values, voltage: float, presliding: float, **given: float) -> float:
-        spring = plain.rate(values, voltage, given) * STICK_VOLTAGE / (values["K_t"] * presliding)
+    def turning(values: Values, voltage: float, **given: float) -> float:
+        brakes = most(values, voltage, **given) / values["J"]
+        return max(brakes / STICK_SPEED, 1 / STICK_TIME) if brakes > 0 else 0.0
+
+    def bending(values: Values, voltage: float, presliding: float, **given: float) -> float:
+        brakes = most(values, voltage, **given) / values["J"]
         top = voltage / values["K_t"]
-        return max(math.sqrt(spring), min(top / presliding, BENDING_RATE))
+        return max(math.sqrt(brakes / presliding), min(top / presliding, BENDING_RATE))
 
     presliding = Parameter(
         "presliding",
@@ -131,13 +131,14 @@ def _of_bristles(plain: Effect, torque: Callable[..., float]) -> Effect:
         equation=f"{plain.equation}; with presliding z / presliding in place of sign(omega), "
         "z' = omega - |omega| z / presliding, at most at 1000 / s",
         parameters=(*plain.parameters, presliding),
-        torque=torque,
+        torque=bristles,
         states=("deflection",),
-        fastest=fastest,
+        needs=("J", "K_t", *(n for n in plain.needs if n not in ("J", "K_t"))),
+        fastest=bending,
         reference="Canudas de Wit, Olsson, Åström, Lischinsky, A new model for control of systems "
         "with friction, IEEE Transactions on Automatic Control 40 (1995) 419; Dahl's, undamped",
     )
-    return replace(plain, detailed=detailed)
+    return replace(plain, fastest=turning, detailed=detailed)
 
 
 def _of_changing_level(plain: Effect, torque: Callable[..., float]) -> Effect:
@@ -202,24 +203,24 @@ COULOMB_FRICTION = Effect(
     name="coulomb_friction",
     family="dry friction",
     description="dry friction of the same size at every speed",
-    equation="torque = -T sign(omega), the sign smoothed over 1 mV / K_t",
+    equation="torque = -T sign(omega), the sign smoothed over 0.02 rad/s, or over "
+    "T / J 0.25 ms where that is less",
     parameters=(
         Parameter("torque", "N m", 0.0, default=0.0, description="friction torque T", scale=0.05),
     ),
     typical={"torque": 0.05},
     torque=_coulomb,
-    needs=("J", "K_t"),
-    fastest=lambda values, voltage, torque: _dry_rate(values, torque),
+    needs=("J",),
     reference=SURVEY,
 )
-COULOMB_FRICTION = _of_bristles(COULOMB_FRICTION, _elastic_coulomb)
+COULOMB_FRICTION = _dry(COULOMB_FRICTION, _elastic_coulomb, lambda values, voltage, torque: torque)
 COULOMB_FRICTION = _of_changing_level(COULOMB_FRICTION, _changing_coulomb)
 
 ASYMMETRIC_FRICTION = Effect(
     name="asymmetric_friction",
     family="dry friction",
     description="dry friction that differs forward and backward (a worn bearing, a worm gear)",
-    equation="torque = -T_f for omega > 0, +T_b for omega < 0, smoothed over 1 mV / K_t",
+    equation="torque = -T_f for omega > 0, +T_b for omega < 0, smoothed as Coulomb friction",
     parameters=(
         Parameter(
             "torque_forward", "N m", 0.0, default=0.0, description="for omega > 0, T_f", scale=0.05
@@ -230,20 +231,21 @@ ASYMMETRIC_FRICTION = Effect(
     ),
     typical={"torque_forward": 0.1, "torque_backward": 0.05},
     torque=_asymmetric,
-    needs=("J", "K_t"),
-    fastest=lambda values, voltage, torque_forward, torque_backward: _dry_rate(
-        values, max(torque_forward, torque_backward)
-    ),
+    needs=("J",),
     reference=f"{SURVEY} (levels that depend on the direction)",
 )
-ASYMMETRIC_FRICTION = _of_bristles(ASYMMETRIC_FRICTION, _elastic_asymmetric)
+ASYMMETRIC_FRICTION = _dry(
+    ASYMMETRIC_FRICTION,
+    _elastic_asymmetric,
+    lambda values, voltage, **level: max(level.values()),
+)
 
 LOAD_FRICTION = Effect(
     name="load_friction",
     family="dry friction",
     description="dry friction proportional to the transmitted torque, as in a gear",
-    equation="torque = -mu |K_t i| sign(omega), the sign smoothed over 1 mV / K_t, the size over "
-    "i = 0.1 V / R",
+    equation="torque = -mu |K_t i| sign(omega), the sign smoothed as Coulomb friction's, the size "
+    "over i = 0.1 V / R",
     parameters=(
         Parameter(
             "coefficient",
@@ -258,17 +260,22 @@ LOAD_FRICTION = Effect(
     typical={"coefficient": 0.15},
     torque=_gear,
     needs=("J", "K_t", "R"),
-    fastest=_gear_rate,
     reference="Duclusaud, Passault, Padois, Ly, Extended friction models for the physics "
     "simulation of servo actuators, arXiv 2410.08650 (2024), load-dependent friction",
 )
-LOAD_FRICTION = _of_bristles(LOAD_FRICTION, _elastic_gear)
+LOAD_FRICTION = _dry(
+    LOAD_FRICTION,
+    _elastic_gear,
+    # The shaft is slow where the slope of the sign matters, so the current is that of stall.
+    lambda values, voltage, coefficient: coefficient * values["K_t"] * voltage / values["R"],
+)
 
 STRIBECK_FRICTION = Effect(
     name="stribeck_friction",
     family="dry friction",
     description="dry friction that is larger near standstill",
-    equation="torque = -(T + T_s exp(-(omega / omega_s)^2)) sign(omega), smoothed over 1 mV / K_t",
+    equation="torque = -(T + T_s exp(-(omega / omega_s)^2)) sign(omega), smoothed as Coulomb "
+    "friction",
     parameters=(
         Parameter("torque", "N m", 0.0, default=0.0, description="at high speed, T", scale=0.05),
         Parameter("static", "N m", 0.0, default=0.0, description="more at 0, T_s", scale=0.05),
@@ -284,11 +291,14 @@ STRIBECK_FRICTION = Effect(
     typical={"torque": 0.05, "static": 0.1, "velocity": 5.0},
     search={"torque": (0.01, 0.05, 0.2), "static": (0.0, 0.05, 0.2), "velocity": (1.0, 4.0, 15.0)},
     torque=_stribeck,
-    needs=("J", "K_t"),
-    fastest=lambda values, voltage, torque, static, velocity: _dry_rate(values, torque + static),
+    needs=("J",),
     reference=SURVEY,
 )
-STRIBECK_FRICTION = _of_bristles(STRIBECK_FRICTION, _elastic_stribeck)
+STRIBECK_FRICTION = _dry(
+    STRIBECK_FRICTION,
+    _elastic_stribeck,
+    lambda values, voltage, torque, static, velocity: torque + static,
+)
 
 VISCOUS_FRICTION = Effect(
     name="viscous_friction",

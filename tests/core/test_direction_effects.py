@@ -45,11 +45,10 @@ def test_equal_levels_are_coulomb_friction():
 
 def test_friction_on_one_side_never_drives():
     """With a level on one side only, the power of the torque is nowhere above 0."""
-    term = EFFECTS.get("asymmetric_friction").torque
-    machine = (ROTOR.parameters["J"], ROTOR.parameters["K_t"])
+    term, inertia = EFFECTS.get("asymmetric_friction").torque, ROTOR.parameters["J"]
     for levels in ((0.1, 0.0), (0.0, 0.1)):
         for omega in np.linspace(-0.1, 0.1, 201):
-            assert term(0.0, 0.0, omega, 0.0, 0.0, (*levels, *machine)) * omega <= 1e-18
+            assert term(0.0, 0.0, omega, 0.0, 0.0, (*levels, inertia)) * omega <= 1e-18
 
 
 @pytest.mark.parametrize("level", [10, -10])

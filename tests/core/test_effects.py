@@ -19,7 +19,7 @@ from ldt_core.base.errors import BadInput, OptionError
 from ldt_core.checks import check_effect
 from ldt_core.effects import EFFECTS, get_effect, parse_effect
 from ldt_core.effects.drive import COPPER
-from ldt_core.effects.friction import STICK_VOLTAGE
+from ldt_core.effects.friction import STICK_SPEED
 from ldt_core.machine.machine_file import load_machine
 from ldt_core.physics import integrate
 from ldt_core.physics.effect import Effect
@@ -112,7 +112,7 @@ def test_a_load_takes_its_torque_from_the_steady_speed(effect, torque):
 def test_dry_friction_above_the_stall_torque_holds_the_shaft():
     """The motor pulls with 0.3 N m against 0.5: the shaft creeps below the smoothing speed."""
     _, speed = free_run(ROTOR, held(1, 5), "coulomb_friction:torque=0.5")
-    assert np.abs(speed).max() < STICK_VOLTAGE / ROTOR.parameters["K_t"]
+    assert np.abs(speed).max() < STICK_SPEED
 
 
 def test_a_constant_load_turns_the_shaft_back_at_zero_voltage_and_friction_does_not():
