@@ -194,7 +194,7 @@ class VerdictReport:
             verdict=Verdict(d.kind, effects, acting, confidence(d.kind, grounds), words, grounds),
             gap=gap,
             where=where,
-            candidates=[*self._ranked(found, before, noise), *self._nominal_row(refit, before)],
+            candidates=[*self._ranked(found, before, noise), *self._nominal_row(refit)],
             remainder=Remainder(left, d.structured, depends),
             undetectable=[name for name in silent if name not in effects],
             ambiguities=self._all_groups(groups, acting),
@@ -346,9 +346,7 @@ class VerdictReport:
 
         return sorted(ranked, key=order)
 
-    def _nominal_row(
-        self, refit: Sequence[Refit], before: Sequence[Array]
-    ) -> list[RankedCandidate]:
+    def _nominal_row(self, refit: Sequence[Refit]) -> list[RankedCandidate]:
         """What the machine file's own numbers close by themselves, as one candidate."""
         if not refit or not self.alone.own:
             return []

@@ -217,16 +217,13 @@ class Candidates:
                 if effect.name not in start.given and not moved.isdisjoint(seen_in):
                     found.append((yield from search.beside(start.present, effect)))
         price = math.log(sum(map(len, told)))
-        scores = {
-            s.score_beside(start.given, price): s
-            for s in found
-            if s.explains and not far(s.box, s.fit.q)
-        }
-        if not scores:
+        near = [s for s in found if s.explains and not far(s.box, s.fit.q)]
+        scored = [(s.score_beside(start.given, price), s) for s in near]
+        if not scored:
             return None
-        least, *others = sorted(scores)
-        alike = [scores[other].names[-1] for other in others if other < least + ALIKE]
-        return start.adopt(scores[least], told, alike)
+        (least, best), *others = sorted(scored, key=lambda pair: pair[0])
+        alike = [other.names[-1] for score, other in others if score < least + ALIKE]
+        return start.adopt(best, told, alike)
 
     def loosened(self, start: Model, pool: Sequence[Experiment]) -> Pausable[list[GreyBoxModel]]:
         """The known causes, with the machine's parameters beyond their tolerances."""

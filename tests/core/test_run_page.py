@@ -8,7 +8,6 @@ import json
 import re
 from dataclasses import replace
 from html import unescape
-from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +16,7 @@ from fake_run import PERIOD, fake_run
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from page_elements import Elements, needs_nothing_else
 from unpacked import unpack
 
 from ldt_core.base.errors import RecordingError
@@ -32,35 +32,7 @@ from ldt_core.views.step_view import statistic
 SAMPLE = Path(__file__).resolve().parents[2] / "bags" / "rotor_drift"
 LARGEST = 5_000_000  # bytes of the page of 200 experiments of 2000 samples
 HOSTILE = "</script><img src=x onerror=alert(1)>\"' {{ 7*7 }} <!-- \u2028"
-VOID = {"meta", "br", "link", "img", "base", "input", "hr"}
 REAL = st.floats(-1e6, 1e6, allow_subnormal=False)
-
-
-class Elements(HTMLParser):
-    """All start tags with their attributes, and the scripts' texts."""
-
-    def __init__(self, text):
-        super().__init__()
-        self.tags, self.scripts, self.open = [], [], []
-        self.feed(text)
-
-    def handle_starttag(self, tag, attrs):
-        self.tags.append((tag, dict(attrs)))
-        if tag not in VOID:
-            self.open.append(tag)
-        if tag == "script":
-            self.scripts.append((dict(attrs), ""))
-
-    def handle_startendtag(self, tag, attrs):
-        self.tags.append((tag, dict(attrs)))
-
-    def handle_endtag(self, tag):
-        assert self.open.pop() == tag
-
-    def handle_data(self, data):
-        if self.open and self.open[-1] == "script":
-            attributes, text = self.scripts.pop()
-            self.scripts.append((attributes, text + data))
 
 
 def data_of(text: str) -> dict:
@@ -81,17 +53,9 @@ def hostile(tmp_path_factory) -> str:
 @pytest.mark.slow
 def test_the_page_needs_nothing_else(sample):
     """No address to load from, every element closed, each identifier once."""
-    elements = Elements(sample)
-    assert not elements.open
-    assert not {t for t, _ in elements.tags} & {"link", "iframe", "object", "img", "base"}
-    for tag, attributes in elements.tags:
-        for name in ("src", "href", "action"):
-            assert (attributes.get(name) or "#").startswith("#"), tag
-    assert "@import" not in sample
-    found = [a["id"] for _, a in elements.tags if a.get("id")]
-    assert len(found) == len(set(found))
-    links = {a["href"] for t, a in elements.tags if t == "a" and "experiment-" not in a["href"]}
-    assert links == {f"#{a['id']}" for t, a in elements.tags if t == "section"}
+    tags = needs_nothing_else(sample).tags
+    links = {a["href"] for t, a in tags if t == "a" and "experiment-" not in a["href"]}
+    assert links == {f"#{a['id']}" for t, a in tags if t == "section"}
 
 
 def test_no_script_runs_but_ours(sample, hostile):

@@ -5,12 +5,12 @@ from __future__ import annotations
 import re
 import sys
 from dataclasses import replace
-from html.parser import HTMLParser
 from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
 from fake_study import fake_study
+from page_elements import BESIDE, Elements, colours_follow_the_scheme, needs_nothing_else
 
 from ldt_core.base.errors import LdtError
 from ldt_core.lab.study.figures import FIGURES, drawings
@@ -23,22 +23,6 @@ pytestmark = pytest.mark.slow
 
 HOSTILE = "</code><script>alert(1)</script>\"' $x^2 & {{ 7*7 }}.yaml"
 LARGEST = 5_000_000  # bytes of a page
-
-
-class Elements(HTMLParser):
-    """All start tags with their attributes, and the text."""
-
-    def __init__(self, page: str) -> None:
-        super().__init__()
-        self.tags: list[tuple[str, dict[str, str | None]]] = []
-        self.text = ""
-        self.feed(page)
-
-    def handle_starttag(self, tag, attrs):
-        self.tags.append((tag, dict(attrs)))
-
-    def handle_data(self, data):
-        self.text += data
 
 
 @pytest.fixture(scope="module")
@@ -98,14 +82,12 @@ def both(first: tuple[str, ...], second: tuple[str, ...]) -> tuple[str, ...]:
 
 def test_the_page_needs_nothing_else(page):
     """No script, no address to load from; links go to the page itself or to files beside it."""
-    tags = Elements(page).tags
-    assert not {t for t, _ in tags} & {"script", "link", "iframe", "object", "img", "base"}
-    for tag, attributes in tags:
-        for name in ("src", "href", "xlink:href", "action"):
-            target = attributes.get(name) or ""
-            assert not re.match(r"\w+:|//", target), (tag, target)
-    assert "@import" not in page
+    elements = needs_nothing_else(page, BESIDE)
+    assert not elements.scripts
     assert len(page.encode()) < LARGEST
+    # Two inlined drawings never refer to each other's parts.
+    targets = re.findall(r"(?:url\(#|href=\"#)([^)\"]+)", page)
+    assert set(targets) <= {a.get("id") for _, a in elements.tags}
 
 
 def test_every_figure_is_on_the_page_in_both_layouts(page, study):
@@ -118,14 +100,6 @@ def test_every_figure_is_on_the_page_in_both_layouts(page, study):
     assert pictures == ["wide", "narrow"] * len(FIGURES)
 
 
-def test_identifiers_are_unique(page):
-    """Two inlined drawings never refer to each other's parts."""
-    found = [a["id"] for _, a in Elements(page).tags if a.get("id")]
-    assert len(found) == len(set(found))
-    targets = re.findall(r"(?:url\(#|href=\"#)([^)\"]+)", page)
-    assert set(targets) <= set(found)
-
-
 def test_no_mark_up_of_formulas_shows(page):
     """What matplotlib would have set as a formula is not left over as its source."""
     text = Elements(page).text
@@ -135,8 +109,7 @@ def test_no_mark_up_of_formulas_shows(page):
 
 def test_drawings_follow_the_readers_scheme(page):
     """No fixed colour in an inlined drawing, and every variable has a dark value too."""
-    for svg in re.findall(r"<svg.*?</svg>", page, flags=re.DOTALL):
-        assert not re.search(r"#[0-9a-fA-F]{6}\b", svg), re.search(r".{60}#[0-9a-fA-F]{6}", svg)
+    colours_follow_the_scheme(page)
     light, _, dark = (set(re.findall(r"(--\w+):", part)) for part in page.split("@media", 3)[:3])
     assert set(style.VARIABLES.values()) <= light & dark
 

@@ -181,7 +181,7 @@ def _plan(
         else:
             acting.append(size_for(bench, law, shape, snr * setting.noise)[0])
     own = [bench.gap((a,), PROBES).ravel() for a in acting]
-    if not _fair(kind, [rms(g) / setting.noise for g in own], own) or not _sane(bench, acting):
+    if not _fair([rms(g) / setting.noise for g in own], own) or not _sane(bench, acting):
         return None
     if strength is not None and len(own) == 1:
         off = abs(math.log(rms(own[0]) / setting.noise / strength))
@@ -227,15 +227,13 @@ def _strengths(
     return tuple(drawn)
 
 
-def _fair(kind: str, strengths: Sequence[float], own: Sequence[np.ndarray]) -> bool:
+def _fair(strengths: Sequence[float], own: Sequence[np.ndarray]) -> bool:
     """Whether each effect shows, next to the noise and next to the others."""
     if len(own) == 0:
         return True
     if len(own) == 1:
         return strengths[0] >= STRENGTH_RANGE[0]
-    if min(strengths) < LEAST_MEMBER_STRENGTH or min(strengths) < LEAST_MEMBER_SHARE * max(
-        strengths
-    ):
+    if min(strengths) < max(LEAST_MEMBER_STRENGTH, LEAST_MEMBER_SHARE * max(strengths)):
         return False
     units = [g / np.linalg.norm(g) for g in own]
     cosines = [abs(a @ b) for k, a in enumerate(units) for b in units[:k]]

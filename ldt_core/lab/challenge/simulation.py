@@ -54,29 +54,26 @@ class Motion:
         return self.states[:, 2]
 
 
-def motion_from_rest(
-    plant: Any, drive: Drive, random: np.random.Generator, tolerance: float = TOLERANCE
-) -> Motion:
+def motion_from_rest(plant: Any, drive: Drive, random: np.random.Generator) -> Motion:
     """The machine's motion from rest, without what was before the first sample.
 
     Args:
         plant: the machine's record.
         drive: how it is driven.
         random: for laws with chance in them.
-        tolerance: relative, of each integration step.
 
     Raises:
         Unsteady: numbers that make no machine.
     """
     state = np.zeros(len(STATES))
     state[0] = drive.angle
-    return _run(plant, drive.volts, drive.warm, drive.period, state, random, tolerance)
+    return _run(plant, drive.volts, drive.warm, drive.period, state, random)
 
 
-def motion_from(plant: Any, drive: Drive, first: Array, tolerance: float = TOLERANCE) -> Motion:
+def motion_from(plant: Any, drive: Drive, first: Array) -> Motion:
     """The motion of a machine that was in state `first` (n,) at the first sample."""
     volts = drive.volts[drive.warm :]
-    return _run(plant, volts, 0, drive.period, first, np.random.default_rng(0), tolerance)
+    return _run(plant, volts, 0, drive.period, first, np.random.default_rng(0))
 
 
 def _run(
@@ -86,12 +83,11 @@ def _run(
     period: float,
     state: Array,
     random: np.random.Generator,
-    tolerance: float,
 ) -> Motion:
     times: Array = np.asarray((np.arange(volts.size) - warm) * period, dtype=np.float64)
-    supplied = _supplied(plant, volts, period, random)
-    edges, levels, keep = _edges(times, supplied, plant["delay"], volts, warm)
-    arguments = (state, plant, _active(plant), TOLERANCES, tolerance)
+    supplied = _supplied(plant, volts, random)
+    edges, levels, keep = _edges(times, supplied, plant["delay"], warm)
+    arguments = (state, plant, _active(plant), TOLERANCES, TOLERANCE)
     states, steady = integrate(edges, levels, keep, *arguments)
     if not steady or not np.isfinite(states).all():
         raise Unsteady("the simulated machine of a challenge diverged")
@@ -114,7 +110,7 @@ def _active(plant: Any) -> NDArray[np.int64]:
     return np.array([i for acts, states in groups if acts for i in states], dtype=np.int64)
 
 
-def _supplied(plant: Any, volts: Array, period: float, random: np.random.Generator) -> Array:
+def _supplied(plant: Any, volts: Array, random: np.random.Generator) -> Array:
     """(S,) what the drive makes of its commands [V]."""
     supplied = np.array(volts, dtype=np.float64)  # for read-only ones all would be compiled again
     if math.isfinite(plant["limit"]):
@@ -132,9 +128,8 @@ def _supplied(plant: Any, volts: Array, period: float, random: np.random.Generat
         least = 0.5 * (-plant["dead"] + math.hypot(plant["dead"], softness))
         supplied = np.sign(supplied) * np.maximum(size - least, 0.0)
     knee = np.tanh(np.abs(supplied) / SUPPLY_KNEE)
-    more = (plant["supply_gain"] - 1.0) * (1.0 + plant["supply_bend"] * knee)
     offset = plant["supply_bias"] * (1.0 + plant["supply_bias_fall"] * knee)
-    supplied = supplied * (1.0 + more) + offset
+    supplied = supplied * _gain(plant["supply_gain"], plant["supply_bend"] * knee) + offset
     if plant["walk"] > 0:
         steps = random.normal(0.0, 1.0, volts.size)
         keep = math.exp(-WALK_PERIOD / WALK_MEMORY)
@@ -147,8 +142,13 @@ def _supplied(plant: Any, volts: Array, period: float, random: np.random.Generat
     return supplied
 
 
+def _gain(gain: float, bend: Array) -> Array:
+    """A gain whose departure from 1 is not the same everywhere."""
+    return 1.0 + (gain - 1.0) * (1.0 + bend)
+
+
 def _edges(
-    times: Array, supplied: Array, delay: float, volts: Array, warm: int
+    times: Array, supplied: Array, delay: float, warm: int
 ) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Times between which the voltage is constant, the levels, which edges are samples to keep."""
     samples = np.zeros(times.size, dtype=bool)
@@ -170,7 +170,7 @@ def _shown(plant: Any, states: Array, times: Array, random: np.random.Generator)
     """(L,) speed as the sensor shows it, without noise [rad/s]."""
     column = 1 if plant["lag_1"] == 0 else 14 if plant["lag_2"] == 0 else 15
     speed = states[:, column]
-    bent = 1.0 + (plant["gain"] - 1.0) * (1.0 + plant["gain_bend"] * np.tanh(speed / 30.0))
+    bent = _gain(plant["gain"], plant["gain_bend"] * np.tanh(speed / 30.0))
     wave = 1.0 + plant["bias_wave"] * np.sin(plant["bias_rate"] * times)
     shown = speed * bent + plant["bias"] * wave
     if plant["encoder"] != 0:

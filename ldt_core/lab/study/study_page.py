@@ -72,7 +72,7 @@ def write_study_page(study: Study, out: Path | str) -> Path:
     made = [make(evidence, found) for make in SECTIONS]
     path = Path(out) / FILE
     path.parent.mkdir(parents=True, exist_ok=True)
-    page = render(TITLE, lead(study), footer(study), made, answer(evidence), figure=_lifted(made))
+    page = render(TITLE, lead(study), footer(), made, answer(evidence), figure=_lifted(made))
     write(path, page)
     return path
 
@@ -144,7 +144,7 @@ def _lifted(sections: Sequence[Section]) -> Figure | None:
     return None
 
 
-def footer(study: Study) -> str:
+def footer() -> str:
     """The last line."""
     version = code_version()["ldt"]
     return f"Made by LDT {version}. Everything on this page is computed from the study's runs."
