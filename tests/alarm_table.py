@@ -19,21 +19,20 @@ from ldt_core.base.sentences import listed, number
 from ldt_core.lab.statistics import Interval, mean, proportion
 from ldt_core.lab.study.robustness.alarm_trials import (
     AFTER,
+    COUNTS,
+    DELAYS,
     EVERY,
-    LAWS_IN_CONTROL,
     SAMPLES,
-    SIZES,
     AlarmCount,
     AlarmTask,
     lorden,
+    over_seeds,
 )
 from tests.benchmarks.kept import stamp
 from tests.page_table import write_table
 
 KEPT = Path(__file__).parents[1] / "bags" / "alarms.csv"
-COUNTS = ("experiments", "first", "in_a_row", "positives")
-LISTS = ("delays", "cusum")
-COLUMNS = ("law", "size", "seed", *COUNTS, *LISTS, "taken")
+COLUMNS = ("law", "size", "seed", *COUNTS, *DELAYS, "taken")
 #: What the laws of the study are, in words.
 ABOUT = {
     "white": "normal, all samples alike",
@@ -47,11 +46,11 @@ ABOUT = {
 }
 #: Laws whose samples depend on those before: the guarantee says nothing about them.
 OUTSIDE = ("AR 0.9", "AR 0.99")
-RATES = (
+RATES_HEAD = (
     "| noise | stated, per 1000 | false alarms | experiments | per 1000 | at most, per 1000 "
     "| in a row, per 1000 |"
 )
-DELAYS = (
+DELAYS_HEAD = (
     "| energy of the error | mean delay | never found | CUSUM, error known | bound, error known "
     "| bound, energy alone |"
 )
@@ -73,7 +72,7 @@ def results(study: Path, taken: str) -> list[dict[str, str]]:
         plain = AlarmCount.from_dict(task, content).to_dict()
         row = {"law": task.law, "size": f"{task.size:g}", "seed": str(task.seed), "taken": taken}
         row |= {n: str(plain[n]) for n in COUNTS}
-        found.append(row | {n: " ".join(map(str, plain[n])) for n in LISTS})
+        found.append(row | {n: " ".join(map(str, plain[n])) for n in DELAYS})
     return found
 
 
@@ -83,23 +82,23 @@ def counts(found: Iterable[Row]) -> list[AlarmCount]:
         AlarmCount(
             AlarmTask(int(r["seed"]), r["law"], float(r["size"])),
             **{n: int(r[n]) for n in COUNTS},
-            **{n: tuple(map(int, r[n].split())) for n in LISTS},
+            **{n: tuple(map(int, r[n].split())) for n in DELAYS},
         )
         for r in found
     ]
 
 
-def false_alarms(found: Iterable[AlarmCount], law: str) -> Interval:
+def false_alarms(own: AlarmCount) -> Interval:
     """Share of experiments [1] with a first false alarm, with the exact 95 % interval."""
-    own = [c for c in found if c.task.law == law]
-    return proportion(sum(c.first for c in own), sum(c.experiments for c in own))
+    return proportion(own.first, own.experiments)
 
 
 def table(found: Iterable[Row]) -> str:
     """Markdown: a line for each law, then a line for each size of a change."""
     kept = list(found)
     known = counts(kept)
-    lines = [*_rates(known), "", *_delays(known)]
+    totals = over_seeds(known)
+    lines = [*_rates(totals), "", *_delays(totals)]
     taken = listed(sorted({r["taken"] for r in kept}))
     seeds = len({c.task.seed for c in known})
     told = f"{seeds} seeds, {SAMPLES} samples an experiment, computed on {taken}."
@@ -107,39 +106,37 @@ def table(found: Iterable[Row]) -> str:
 
 
 def _rates(known: list[AlarmCount]) -> list[str]:
-    lines = [RATES, "|---" * RATES.count(" | ") + "|---|"]
-    for law in LAWS_IN_CONTROL:
-        own = [c for c in known if c.task.law == law]
-        if not own:
+    lines = [RATES_HEAD, "|---" * RATES_HEAD.count(" | ") + "|---|"]
+    for own in known:
+        law = own.task.law
+        if not law:
             continue
-        share = false_alarms(own, law)
-        in_a_row = sum(c.positives for c in own) / sum(c.in_a_row for c in own)
+        share = false_alarms(own)
         cells = (
             f"`{law}`: {ABOUT[law]}",
             "none: breaks the assumption" if law in OUTSIDE else number(1000 / EVERY, 1),
-            f"{sum(c.first for c in own):,}",
+            f"{own.first:,}",
             f"{share.count:,}",
             number(1000 * (share.value or 0.0), 2),
             number(1000 * share.high, 2),
-            number(1000 * in_a_row),
+            number(1000 * (own.positives / own.in_a_row)),
         )
         lines.append(f"| {' | '.join(cells)} |")
     return lines
 
 
 def _delays(known: list[AlarmCount]) -> list[str]:
-    lines = [DELAYS, "|---" * DELAYS.count(" | ") + "|---|"]
-    for size in SIZES:
-        own = [c for c in known if not c.task.law and c.task.size == size]
-        if not own:
+    lines = [DELAYS_HEAD, "|---" * DELAYS_HEAD.count(" | ") + "|---|"]
+    for own in known:
+        size, delays = own.task.size, own.delays
+        if not delays:
             continue
-        delays = [d for c in own for d in c.delays]
         lost = sum(d > AFTER for d in delays)
         cells = (
             number(size, 2),
             f"above {AFTER}" if lost == len(delays) else _told(mean(delays), at_least=lost > 0),
             f"{lost} of {len(delays)}",
-            number(mean(d for c in own for d in c.cusum).value or 0.0),
+            number(mean(own.cusum).value or 0.0),
             number(lorden(size, known=True)),
             number(lorden(size, known=False)),
         )

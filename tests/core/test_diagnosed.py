@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import functools
-import json
 import math
-import subprocess
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -197,14 +194,6 @@ def test_the_gates_questions_do_not_change_the_answer():
     assert model.fit([e]).parameters == trained().parameters
 
 
-def test_fit_gives_a_new_version_and_leaves_the_old_one():
-    """Versions count up, and the experiments are named."""
-    before = json.dumps(trained().parameters)
-    second = trained().fit([worn(0.007).experiment(4)])
-    assert (trained().version, second.version, second.trained_on) == (1, 2, (4,))
-    assert json.dumps(trained().parameters) == before
-
-
 def test_what_the_effect_does_not_explain_is_in_the_deviation():
     """A winding that warms up as well: the rest is smooth, and makes the unbalance less sure."""
     both = plant("unbalance:e=0.006", "winding_heating:thermal_resistance=4,time_constant=5")
@@ -353,42 +342,6 @@ def test_the_correlation_time_is_that_of_a_known_process():
     assert correlation_time(red) == pytest.approx(19.0, rel=0.2)
 
 
-def test_the_record_is_the_model_bit_for_bit():
-    """Through JSON text and back."""
-    record = ModelRecord(1, "diagnosed", (1,), json.loads(json.dumps(trained().parameters)))
-    again = DiagnosedModel.from_record(record, SHORT)
-    e = worn(0.006).experiment(2)
-    ours, theirs = trained().predict(e), again.predict(e)
-    assert ours.speed.tobytes() == theirs.speed.tobytes()
-    assert ours.speed_std.tobytes() == theirs.speed_std.tobytes()
-    assert again.fit([e]).parameters == trained().fit([e]).parameters
-
-
-CHILD = """
-import json, sys
-from dataclasses import replace
-from ldt_core.base.experiment import Experiment
-from ldt_core.machine.machine_file import load_machine, machine_from_dict
-from ldt_core.models.diagnosed import DiagnosedModel
-given = json.loads(sys.stdin.read())
-e = Experiment(1, 0.0, 0.01, given["voltage"], given["speed"])
-model = DiagnosedModel(replace(load_machine("rotor"), duration=10.0)).fit([e])
-print(json.dumps([model.parameters, model.predict(e).speed_std.tobytes().hex()]))
-"""
-
-
-@pytest.mark.slow
-def test_another_process_learns_the_same_bits():
-    """Training and prediction are bit-equal in a new process."""
-    e = worn(0.006).experiment(1)
-    given = {"voltage": list(e.voltage), "speed": list(e.speed)}
-    command, text = [sys.executable, "-c", CHILD], json.dumps(given)
-    done = subprocess.run(command, input=text, capture_output=True, text=True, check=True)
-    parameters, std = json.loads(done.stdout)
-    assert parameters == trained().parameters
-    assert std == trained().predict(e).speed_std.tobytes().hex()
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("samples", "cause", "words"),
@@ -439,16 +392,6 @@ def test_a_record_that_is_no_model_is_refused(change):
     bad = {**good, "cause": {**good["cause"], **change}}
     with pytest.raises((ModelError, OptionError), match=r"diagnosed model|effect unbalance"):
         DiagnosedModel.from_record(ModelRecord(1, "diagnosed", (), bad), SHORT)
-
-
-def test_only_the_first_measurement_is_read():
-    """Later speeds do not change a free run."""
-    e = worn(0.006).experiment(2)
-    speed = np.where(np.arange(len(e)) == 0, e.speed, 1e3)
-    other = Experiment(2, e.start, e.period, e.voltage, speed)
-    ours, theirs = trained().predict(e), trained().predict(other)
-    assert ours.speed.tobytes() == theirs.speed.tobytes()
-    assert ours.speed_std.tobytes() == theirs.speed_std.tobytes()
 
 
 @settings(max_examples=15, deadline=None)

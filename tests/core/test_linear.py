@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 import pytest
 
 from ldt_core.base.errors import ExperimentError, LdtError, ModelError, OptionError
 from ldt_core.base.experiment import Experiment, ModelRecord
 from ldt_core.machine.machine_file import Machine, load_machine
-from ldt_core.models import build_model, restore_model
+from ldt_core.models import build_model
 from ldt_core.models.linear import LinearModel
 from ldt_core.models.physics import PhysicsModel
 
@@ -162,37 +160,6 @@ def test_the_papers_model_has_no_offset(motor):
     assert learned.parameters["offset"] == 0
     assert learned.state_space.dc_gain == pytest.approx(truth, rel=0.01)
     assert learned.fit([measure(motor, 2, offset=5.0)]).parameters["offset"] == 0
-
-
-def test_learning_forgets_what_it_is_not_given(motor):
-    """A fit uses its experiments alone: the same ones give the same model from any predecessor."""
-    es = [measure(motor, n) for n in (1, 2, 3)]
-    fresh = LinearModel(motor).fit(es[:1])
-    again = LinearModel(motor).fit(es[1:]).fit(es[:1])
-    assert again.parameters == fresh.parameters
-    assert (fresh.version, again.version) == (1, 2)
-
-
-def test_model_from_a_record_predicts_bit_equally(motor):
-    """A record sent as JSON text makes the same model, bit for bit."""
-    learned = LinearModel(motor).fit([measure(motor, 1)])
-    record = learned.record()
-    text = json.loads(json.dumps(record.parameters, allow_nan=False))
-    sent = ModelRecord(record.version, record.kind, record.trained_on, text)
-    again = restore_model(sent, motor, {"model": "linear", "order": 0})
-    e = measure(motor, 2)
-    assert again.predict(e).speed.tobytes() == learned.predict(e).speed.tobytes()
-    assert again.predict(e).speed_std.tobytes() == learned.predict(e).speed_std.tobytes()
-
-
-def test_free_run_reads_no_later_measurement(motor):
-    """Only the voltage and the first speed matter."""
-    learned = LinearModel(motor).fit([measure(motor, 1)])
-    e = measure(motor, 2)
-    blind = np.full(len(e), e.speed[0])
-    other = Experiment(2, 0.0, e.period, e.voltage, blind)
-    assert learned.predict(other).speed.tobytes() == learned.predict(e).speed.tobytes()
-    assert learned.predict(e).speed[0] == pytest.approx(e.speed[0], rel=1e-12)
 
 
 def test_model_serves_other_sample_periods(motor):

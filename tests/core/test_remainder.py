@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import json
 import math
 
 import numpy as np
@@ -12,7 +11,7 @@ import pytest
 
 import ldt_core as ldt
 from ldt_core.base.errors import LdtError, ModelError
-from ldt_core.base.experiment import ModelRecord, rms
+from ldt_core.base.experiment import rms
 from ldt_core.estimation.remainder_run import RemainderShape, free_run
 from ldt_core.lab.study.robustness.streams import STREAMS
 from ldt_core.models.remainder import RemainderModel
@@ -114,20 +113,6 @@ def test_blocks_held_back_are_not_looked_at():
     one, two = (RemainderModel(MOTOR).fit_without([e], held) for e in (first, other))
     left = [(m.predict(first).residual(first))[:300] for m in (one, two)]
     assert np.sqrt(np.mean(np.square(left))) < 0.15
-
-
-def test_a_record_of_it_predicts_the_same_bits():
-    """All that makes it is in its record."""
-    first, other = driven(play, 1), driven(play, 2)
-    learned = RemainderModel(MOTOR).fit([first])
-    record = learned.record()
-    plain = json.loads(json.dumps(record.parameters))
-    again = RemainderModel.from_record(
-        ModelRecord(record.version, record.kind, record.trained_on, plain), MOTOR
-    )
-    for name in ("speed", "speed_std"):
-        told, same = (getattr(m.predict(other), name) for m in (learned, again))
-        assert np.array_equal(told, same)
 
 
 def test_what_cannot_be_its_parameters_is_refused():

@@ -1,4 +1,4 @@
-"""The tables of the page about speed are those of their result files."""
+"""What is measured anew on the page about speed, in its result files and on the page."""
 
 from __future__ import annotations
 
@@ -6,19 +6,12 @@ import json
 
 import pytest
 
-from ldt_core.docs import text
 from tests import page_table
 from tests.benchmarks import kept, measured_table
 from tests.benchmarks.kept import load, merge, table
 from tests.benchmarks.measured_table import MeasuredTable
-from tests.benchmarks.measured_table import load as load_measured
 from tests.benchmarks.row import Row
 from tests.page_table import with_table
-
-
-def test_the_table_is_that_of_the_result_file():
-    """As `python -m tests.benchmarks --keep` writes it."""
-    assert with_table(text("speed"), table(load())) == text("speed")
 
 
 def test_what_is_measured_anew_takes_its_row_s_place(monkeypatch):
@@ -35,14 +28,6 @@ def test_what_is_measured_anew_takes_its_row_s_place(monkeypatch):
     shown = table(merged)
     assert f"| {first['name']} | 500 ms | 2 s: {first['peer']} | 4 times faster | quiet; " in shown
     assert "| 1 ns: somebody else | 5.0e+08 times slower | " in shown
-
-
-@pytest.mark.parametrize("name", load_measured())
-def test_a_table_without_a_peer_is_that_of_its_result_file(name):
-    """As `--keep` of its command writes it."""
-    stored = load_measured()[name]
-    page = text(stored["page"])
-    assert with_table(page, measured_table.shown(stored), name) == page
 
 
 def test_a_table_is_kept_in_file_and_page(tmp_path, monkeypatch, capsys):

@@ -16,7 +16,7 @@ the ratio of energy to roughness alone has a normal number of mean sqrt(L) s^2: 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -116,6 +116,10 @@ class AlarmTask:
         return f"{what}_{self.seed}"
 
 
+#: Numbers that are counted, and lists.
+COUNTS, DELAYS = ("experiments", "first", "in_a_row", "positives"), ("delays", "cusum")
+
+
 @dataclass(frozen=True)
 class AlarmCount:
     """What was counted.
@@ -152,9 +156,21 @@ class AlarmCount:
         """
         if dict(plain["task"]) != asdict(task):
             raise ValueError("another task's count")
-        counts = {name: int(plain[name]) for name in ("experiments", "first", "in_a_row")}
-        own, cusum = (tuple(map(int, plain[name])) for name in ("delays", "cusum"))
-        return cls(task, **counts, positives=int(plain["positives"]), delays=own, cusum=cusum)
+        told: dict[str, Any] = {name: int(plain[name]) for name in COUNTS}
+        told |= {name: tuple(map(int, plain[name])) for name in DELAYS}
+        return cls(task, **told)
+
+
+def over_seeds(counts: Sequence[AlarmCount]) -> list[AlarmCount]:
+    """The sums over all seeds: one for each law, then one for each size, as far as counted."""
+    found = []
+    for task in alarm_tasks(range(1)):
+        own = [c for c in counts if (c.task.law, c.task.size) == (task.law, task.size)]
+        if own:
+            told: dict[str, Any] = {name: sum(getattr(c, name) for c in own) for name in COUNTS}
+            told |= {name: tuple(d for c in own for d in getattr(c, name)) for name in DELAYS}
+            found.append(AlarmCount(task, **told))
+    return found
 
 
 def alarm_tasks(seeds: range) -> list[AlarmTask]:

@@ -9,11 +9,10 @@ from ldt_core.lab.statistics import mean, proportion
 from ldt_core.lab.study.robustness.alarm_trials import (
     AFTER,
     EVERY,
-    LAWS_IN_CONTROL,
     SAMPLES,
-    SIZES,
     AlarmCount,
     lorden,
+    over_seeds,
 )
 from ldt_core.lab.study.sections.findings import cell
 from ldt_core.lab.study.study import Evidence
@@ -34,7 +33,7 @@ DELAYS = (
 def alarms(evidence: Evidence, drawings: Mapping[str, Drawing | None]) -> Section:
     """Two tables."""
     section = Section("alarms", "False alarms and delay of the default detector")
-    counts = evidence.study.alarms
+    counts = over_seeds(evidence.study.alarms)
     if not counts:
         section.blocks.append(Text(MISSING, "missing"))
         return section
@@ -44,22 +43,21 @@ def alarms(evidence: Evidence, drawings: Mapping[str, Drawing | None]) -> Sectio
 
 def _rates(counts: Sequence[AlarmCount]) -> Table:
     rows: list[list[Value]] = []
-    for law in LAWS_IN_CONTROL:
-        found = [c for c in counts if c.task.law == law]
-        if not found:
+    for c in counts:
+        if not c.task.law:
             continue
-        first, experiments = sum(c.first for c in found), sum(c.experiments for c in found)
-        share = proportion(first, experiments)
+        share = proportion(c.first, c.experiments)
         kept = share.low <= 1 / EVERY
-        row = sum(c.positives for c in found) / sum(c.in_a_row for c in found)
         rows.append(
             [
-                law,
-                str(first),
-                str(experiments),
-                Cell(number(first / experiments), f"{number(share.low)} to {number(share.high)}"),
+                c.task.law,
+                str(c.first),
+                str(c.experiments),
+                Cell(
+                    number(c.first / c.experiments), f"{number(share.low)} to {number(share.high)}"
+                ),
                 Mark("yes", "good") if kept else Mark("no", "bad"),
-                number(1000 * row),
+                number(1000 * (c.positives / c.in_a_row)),
             ]
         )
     return Table(
@@ -76,18 +74,16 @@ def _rates(counts: Sequence[AlarmCount]) -> Table:
 
 def _delays(counts: Sequence[AlarmCount]) -> Table:
     rows: list[list[Value]] = []
-    for size in SIZES:
-        found = [c for c in counts if not c.task.law and c.task.size == size]
-        own = [d for c in found for d in c.delays]
-        if own:
+    for c in counts:
+        if c.delays:
             rows.append(
                 [
-                    number(size),
-                    cell(mean(own)),
-                    f"{sum(d > AFTER for d in own)} of {len(own)}",
-                    cell(mean(d for c in found for d in c.cusum)),
-                    number(lorden(size, known=True)),
-                    number(lorden(size, known=False)),
+                    number(c.task.size),
+                    cell(mean(c.delays)),
+                    f"{sum(d > AFTER for d in c.delays)} of {len(c.delays)}",
+                    cell(mean(c.cusum)),
+                    number(lorden(c.task.size, known=True)),
+                    number(lorden(c.task.size, known=False)),
                 ]
             )
     return Table(
