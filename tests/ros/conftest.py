@@ -36,6 +36,17 @@ def monitor(stranger):
 
 
 @pytest.fixture
+def environment(domain):
+    """Of the processes; this one's is brought back afterwards."""
+    from ldt_ros.graph.environment import prepare
+
+    before = dict(os.environ)
+    yield prepare()
+    os.environ.clear()
+    os.environ.update(before)
+
+
+@pytest.fixture
 def hosts():
     """What to put before a command to run it on either of two hosts."""
     with two_hosts() as prefixes:

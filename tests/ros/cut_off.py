@@ -11,10 +11,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from disturbed import adaptations
 from network import HOSTS, parted
 
 from ldt_core import docs
-from ldt_core.recording.bag import read_bag
 
 PAGE = docs.text("network")
 PROFILE = re.search(r"```xml\n(.*?)```", PAGE, re.S)[1]  # type: ignore[index]
@@ -78,14 +78,7 @@ def run_cut(
 def wait(recording: Path, number: int) -> None:
     """Until what was done about this experiment is recorded."""
     deadline = time.monotonic() + PATIENCE
-    while _last(recording) < number:
+    while (last := max((a.experiment for a in adaptations(recording)), default=0)) < number:
         if time.monotonic() > deadline:
-            raise TimeoutError(f"{recording} ends with {_last(recording)} after {PATIENCE} s")
+            raise TimeoutError(f"{recording} ends with {last} after {PATIENCE} s")
         time.sleep(0.1)
-
-
-def _last(recording: Path) -> int:
-    try:
-        return max(record.experiment for record in read_bag(recording).records("adaptation"))
-    except Exception:  # not there yet
-        return 0

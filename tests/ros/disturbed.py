@@ -10,7 +10,7 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -153,7 +153,10 @@ def differences(undisturbed: Path, disturbed: Path) -> dict[str, str]:
 
     Every record counts, to the last bit; their order in the file does not.
     """
-    one, other = _records(undisturbed), _records(disturbed)
+    one, other = (
+        {topic: Counter(map(repr, told)) for topic, told in records(path).items()}
+        for path in (undisturbed, disturbed)
+    )
     found = {}
     for topic in LOOP:
         lost, more = one[topic] - other[topic], other[topic] - one[topic]
@@ -162,11 +165,14 @@ def differences(undisturbed: Path, disturbed: Path) -> dict[str, str]:
     return found
 
 
-def _records(path: Path) -> dict[str, Counter[str]]:
-    bag = read_bag(path)
-    return {topic: Counter(map(_plain, bag.records(topic))) for topic in LOOP}
+def records(
+    path: Path, topics: Iterable[str] = LOOP, namespace: str = ""
+) -> dict[str, list[dict[str, Any]]]:
+    """Topic → its records in a recording, as plain values that are the same to the last bit."""
+    bag = read_bag(path, namespace)
+    return {topic: [_plain(record) for record in bag.records(topic)] for topic in topics}
 
 
-def _plain(record: Any) -> str:
+def _plain(record: Any) -> dict[str, Any]:
     values = vars(record).items()
-    return repr({n: v.tobytes() if isinstance(v, np.ndarray) else v for n, v in values})
+    return {n: v.tobytes() if isinstance(v, np.ndarray) else v for n, v in values}

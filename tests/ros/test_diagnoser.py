@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from pathlib import Path
 
-import numpy as np
 import pytest
 import yaml
 
@@ -21,11 +19,12 @@ from ldt_core.runs.offline import run
 pytest.importorskip("rclpy")
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from disturbed import LOOP, records
 from stranger import adaptation, answer, experiment
 
 from ldt_ros.nodes.diagnoser_node import DiagnoserNode
 
-TOPICS = ("experiment", "prediction", "original_prediction", "signal", "diagnosis", "model")
+TOPICS = (*LOOP, "diagnosis")
 WORN = {
     "detector": "threshold",
     "threshold": 2.0,
@@ -45,18 +44,6 @@ def rotor(tmp_path_factory) -> str:
     file = tmp_path_factory.mktemp("machine") / "rotor.yaml"
     file.write_text(yaml.safe_dump(data))
     return str(file)
-
-
-def records(bag: Path, namespace: str = "", topics: tuple = (*TOPICS, "adaptation")) -> dict:
-    opened = read_bag(bag, namespace)
-    return {t: [_plain(r) for r in opened.records(t)] for t in topics if opened.topic(t)}
-
-
-def _plain(record) -> dict:
-    return {
-        name: value.tobytes() if isinstance(value, np.ndarray) else value
-        for name, value in vars(record).items()
-    }
 
 
 def stream(settings, machine):
@@ -157,8 +144,8 @@ def test_the_graph_publishes_and_records_the_verdict_of_the_offline_run(domain, 
     machine = load_machine(rotor)
     (graph,) = launch(settings)
     offline = run(machine, settings, stream(settings, machine), tmp_path / "offline")
-    heard = records(tmp_path / "graph")
-    assert heard == records(tmp_path / "offline")
+    heard = records(tmp_path / "graph", TOPICS)
+    assert heard == records(tmp_path / "offline", TOPICS)
     (first, *_) = heard["diagnosis"]
     assert first["experiment"] == 1
     assert first["effects"] == ("unbalance",)
@@ -178,9 +165,9 @@ def test_the_adaptor_diagnoses_for_a_model_that_learns_by_it(domain, rotor, tmp_
     run(machine, settings, stream(settings, machine), tmp_path / "offline")
     played = read_bag(tmp_path / "graph").experiments()
     run(machine, settings, played, tmp_path / "replay")
-    heard = records(tmp_path / "graph")
-    assert heard == records(tmp_path / "offline")
-    assert heard == records(tmp_path / "replay")
+    heard = records(tmp_path / "graph", TOPICS)
+    assert heard == records(tmp_path / "offline", TOPICS)
+    assert heard == records(tmp_path / "replay", TOPICS)
     (first, *_) = heard["diagnosis"]
     assert (first["values"]["asked_at"], first["experiment"]) == (1, 3)
     reasons = [told["reason"] for told in heard["adaptation"]]
@@ -194,7 +181,7 @@ def test_each_machine_of_a_fleet_has_its_own_diagnosis(domain, rotor, tmp_path):
 
     given = {**WORN, "machine": rotor, "model": "physics", "diagnose": True, "experiments": 1}
     runs = launch({**given, "machines": 2, "bag": str(tmp_path / "fleet")})
-    found = [records(r.bag, r.namespace, ("diagnosis",))["diagnosis"] for r in runs]
+    found = [records(r.bag, ("diagnosis",), r.namespace)["diagnosis"] for r in runs]
     assert [[d["effects"] for d in of_one] for of_one in found] == [[("unbalance",)]] * 2
     assert found[0][0]["values"] != found[1][0]["values"]
 

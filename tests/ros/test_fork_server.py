@@ -15,22 +15,12 @@ from ldt_core.base.errors import LdtError
 
 pytest.importorskip("rclpy")
 
-from ldt_ros.graph.environment import prepare
 from ldt_ros.graph.linux_process import adopting
 from ldt_ros.graph.supervisor import Supervisor
 
 SETTINGS = {"machine": "rotor", "model": "physics", "detector": "threshold"}
 TWIN = ("--node", "twin", "--ros-args", "-p", "model:=physics")
 PATIENCE = 60  # s
-
-
-@pytest.fixture
-def environment(domain):
-    """Of the processes; this one's is brought back afterwards."""
-    before = dict(os.environ)
-    yield prepare()
-    os.environ.clear()
-    os.environ.update(before)
 
 
 @pytest.fixture

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import signal
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -144,15 +143,6 @@ def test_it_stays_off_over_a_crash_and_the_end_of_the_run(ldt, programs, tmp_pat
 
 
 # ---- the command
-
-
-@pytest.fixture
-def environment(domain):
-    """Put back what the command prepares for its own process."""
-    before = dict(os.environ)
-    yield
-    os.environ.clear()
-    os.environ.update(before)
 
 
 def test_where_nobody_answers_it_says_what_to_look_at(environment, capsys, monkeypatch):

@@ -15,6 +15,7 @@ from importlib import resources
 from pathlib import Path
 
 import pytest
+from disturbed import recorded
 from network import HOSTS
 
 from ldt_core.recording.bag import read_bag
@@ -211,13 +212,6 @@ def graph_of(host, programs, folder: Path, roles: tuple[str, ...]) -> subprocess
     ros = ["--ros-args", *(word for text in given for word in ("-p", text))]
     command = [*host, sys.executable, "-m", "ldt_ros.graph.process", *nodes, *ros]
     return programs.start(command, cwd=folder, **NULL)
-
-
-def recorded(bag: Path) -> int:
-    try:
-        return sum(1 for _ in read_bag(bag).records("adaptation"))
-    except Exception:  # not there yet
-        return 0
 
 
 def test_whoever_joins_by_another_interface_meets_nobody(hosts, domain, intruder, tmp_path):

@@ -5,8 +5,8 @@ from __future__ import annotations
 import time
 from pathlib import Path
 
-import numpy as np
 import pytest
+from disturbed import records
 from threadpoolctl import threadpool_limits
 
 from ldt_core.base.experiment import Experiment
@@ -38,19 +38,6 @@ RUNS = {
     "no model that learns, never": {"model": "physics", "detector": "never"},
 }
 COMMON = {"experiments": 8, "seed": 5, "start_time": 1.0e9, "measure_current": False}
-
-
-def records(bag: Path) -> dict[str, list]:
-    opened = read_bag(bag)
-    topics = ("experiment", "prediction", "original_prediction", "signal", "model", "adaptation")
-    return {topic: [_plain(r) for r in opened.records(topic)] for topic in topics}
-
-
-def _plain(record) -> dict:
-    return {
-        name: value.tobytes() if isinstance(value, np.ndarray) else value
-        for name, value in vars(record).items()
-    }
 
 
 @pytest.mark.parametrize("name", RUNS)
