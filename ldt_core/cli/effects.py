@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 @click.option(
     "--machine",
     metavar="FILE",
-    help="Machine file to check EFFECT on, as one that needs parameters of your own physics.",
+    help="Machine file to check EFFECT on, if it needs parameters of your own physics.",
 )
 @json_option
 def command(effect: str | None, machine: str | None, as_json: bool) -> None:

@@ -41,7 +41,7 @@ UNIT_HELP = "with a unit if it is not SI, for example"
     "--speed",
     metavar="FIELD[:UNIT]",
     help=f"Column or /topic.field[index] of the speed, {UNIT_HELP} n:rpm, or with "
-    "the rad/s in one of it, for example v:628.",
+    "the factor to rad/s, for example v:628.",
 )
 @click.option("--current", metavar="FIELD[:UNIT]", help="The same for the current, if measured.")
 @click.option(

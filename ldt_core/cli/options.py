@@ -186,7 +186,7 @@ def compute_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
 def diagnosis_option(text: str) -> Callable[..., Any]:
     """Decorator: the option of a diagnosis' file, with a help of the command's own."""
-    text = f"{text} Its key effects is what counts."
+    text = f"{text} Only its key effects is used."
     return click.option("--with", "diagnosis", default="", metavar="FILE", help=text)
 
 

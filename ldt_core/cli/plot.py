@@ -33,7 +33,7 @@ def command(
 ) -> None:
     """Draw RECORDING, a run of `ldt up`, `run` or `replay`: one experiment, and all errors.
 
-    Of what `ldt predict` wrote, experiments with their predictions.
+    For a recording that `ldt predict` wrote, it draws experiments with their predictions.
 
     Example: ldt plot my_run --out my_run.png
     """

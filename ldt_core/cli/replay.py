@@ -42,8 +42,8 @@ def command(
 ) -> None:
     """Play RECORDING through twin, detector and adaptor, with the same or other settings.
 
-    Ctrl-C stops cleanly after the current experiment, or 5 s, with exit code 130, and prints the
-    command that continues.
+    Ctrl-C stops cleanly after the current experiment, or after 5 s, with exit code 130, and prints
+    the command that continues.
 
     Example: ldt replay my_run --detector lddm --error-threshold 0.5 --out my_run_lddm
     """

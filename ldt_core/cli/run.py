@@ -34,7 +34,7 @@ def command(settings: dict[str, Any], force: bool, no_bag: bool, as_json: bool) 
     """Run the same loop as `ldt up` without ROS: same options, same numbers.
 
     Several machines run one after the other. The loop never waits, so --adaptation-timeout has no
-    effect. Ctrl-C stops cleanly after the current experiment, or 5 s, with exit code 130, and
+    effect. Ctrl-C stops cleanly after the current experiment, or after 5 s, with exit code 130, and
     prints the command that continues.
 
     Example: ldt run --experiments 40 --seed 3 --model linear

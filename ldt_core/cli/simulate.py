@@ -21,7 +21,7 @@ from ldt_core.cli.terminal import echo_result
     "designed",
     default="",
     metavar="FILE",
-    help="The diagnosis.json whose next experiment to run: its voltage, its channels.",
+    help="The diagnosis.json whose proposed next experiment is run, with its voltage and channels.",
 )
 @out_option
 @force_option

@@ -56,7 +56,7 @@ FIGURES = {
     "--only",
     type=SuggestingChoice(list(GROUPS)),
     multiple=True,
-    help="Part of the study; may be given several times. "
+    help="Part of the study; can be given several times. "
     + "; ".join(f"{name}: {what}" for name, what in GROUPS.items())
     + ".",
 )

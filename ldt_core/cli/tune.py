@@ -32,18 +32,18 @@ DETECTORS = ("threshold", "lddm", "window", "adequacy")
 @click.option(
     "--adaptations",
     type=click.IntRange(1, 1_000_000),
-    help="Budget: at most so many adaptations over this recording.",
+    help="Budget: at most this many adaptations over this recording.",
 )
 @click.option(
     "--false-alarms-every",
     type=click.FloatRange(2.0, 1e9),
-    help="Budget: at most one false alarm in so many experiments of the unchanged machine.",
+    help="Budget: at most one false alarm in this many experiments of the unchanged machine.",
 )
 @click.option(
     "--in-control",
     default="",
     metavar="RANGES",
-    help="Experiments in which the machine had not changed, as 1:20 or 1:20,60:80; without, the "
+    help="Experiments in which the machine had not changed, as 1:20 or 1:20,60:80; by default the "
     "longest stretch that the model explains, as the adequacy detector judges.",
 )
 @click.option(
@@ -51,7 +51,7 @@ DETECTORS = ("threshold", "lddm", "window", "adequacy")
     "detectors",
     type=SuggestingChoice(DETECTORS),
     multiple=True,
-    help="Detector to choose from; may be given several times; without, all of them.",
+    help="Detector to choose from; can be given several times; by default all.",
 )
 @click.option(
     "--values",
