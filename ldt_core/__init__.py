@@ -22,14 +22,14 @@ if TYPE_CHECKING:
     from ldt_core.detectors.base import Detector
     from ldt_core.machine.machine_file import Machine
     from ldt_core.models.base import Model
-    from ldt_core.notebook.fitted_machine import FittedMachine, calibrate
-    from ldt_core.notebook.gap_diagnosis import GapDiagnosis, diagnose
-    from ldt_core.notebook.recorded_experiments import Recording, read, write
-    from ldt_core.notebook.simulated_experiments import simulate
-    from ldt_core.notebook.twin_run import TwinRun, run
     from ldt_core.physics.base import Physics
     from ldt_core.physics.effect import Effect
     from ldt_core.physics.parameter import Parameter
+    from ldt_core.python_api.fitted_machine import FittedMachine, calibrate
+    from ldt_core.python_api.gap_diagnosis import GapDiagnosis, diagnose
+    from ldt_core.python_api.recorded_experiments import Recording, read, write
+    from ldt_core.python_api.simulated_experiments import simulate
+    from ldt_core.python_api.twin_run import TwinRun, run
     from ldt_core.twin.loop import Twin
 
     __version__: str
@@ -72,11 +72,11 @@ _NAMES = {
     "detectors.base": ("Detector",),
     "machine.machine_file": ("Machine",),
     "models.base": ("Model",),
-    "notebook.fitted_machine": ("FittedMachine", "calibrate"),
-    "notebook.gap_diagnosis": ("GapDiagnosis", "diagnose"),
-    "notebook.twin_run": ("TwinRun", "run"),
-    "notebook.recorded_experiments": ("Recording", "read", "write"),
-    "notebook.simulated_experiments": ("simulate",),
+    "python_api.fitted_machine": ("FittedMachine", "calibrate"),
+    "python_api.gap_diagnosis": ("GapDiagnosis", "diagnose"),
+    "python_api.twin_run": ("TwinRun", "run"),
+    "python_api.recorded_experiments": ("Recording", "read", "write"),
+    "python_api.simulated_experiments": ("simulate",),
     "physics.base": ("Physics",),
     "physics.effect": ("Effect",),
     "physics.parameter": ("Parameter",),

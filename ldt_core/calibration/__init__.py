@@ -7,6 +7,6 @@
 """
 
 from ldt_core.calibration.calibrate import calibrate
-from ldt_core.calibration.calibration import Calibration, ParameterEstimate
+from ldt_core.calibration.calibration import Calibration
 
-__all__ = ["Calibration", "ParameterEstimate", "calibrate"]
+__all__ = ["Calibration", "calibrate"]

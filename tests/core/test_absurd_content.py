@@ -19,7 +19,7 @@ from ldt_core.detectors.threshold import Threshold
 from ldt_core.machine import Plant
 from ldt_core.machine.machine_file import load_machine, machine_from_dict
 from ldt_core.models.physics import PhysicsModel
-from ldt_core.notebook.gap_diagnosis import diagnose
+from ldt_core.python_api.gap_diagnosis import diagnose
 from ldt_core.recording.bag import read_bag
 from ldt_core.recording.experiment_messages import samples_cdr
 from ldt_core.recording.messages import MULTI_ARRAY

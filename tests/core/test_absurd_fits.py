@@ -29,7 +29,7 @@ from ldt_core.machine.current_check import wrong_current
 from ldt_core.machine.machine_file import load_machine, machine_from_dict
 from ldt_core.machine.sensor_check import doubt
 from ldt_core.machine.unit_check import other_unit
-from ldt_core.notebook.gap_diagnosis import diagnose
+from ldt_core.python_api.gap_diagnosis import diagnose
 from ldt_core.recording.writer import BagWriter
 from ldt_core.twin.loop import Twin
 from tests.motors import all_but

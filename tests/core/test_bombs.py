@@ -21,7 +21,7 @@ from ldt_core.base.plain_yaml import load_yaml
 from ldt_core.cli import invoke, ldt
 from ldt_core.cli.recordings import read_recordings
 from ldt_core.machine.machine_file import load_machine, machine_from_dict
-from ldt_core.notebook.recorded_experiments import read
+from ldt_core.python_api.recorded_experiments import read
 from ldt_core.recording.bag import read_bag
 from ldt_core.recording.codec import MULTI_ARRAY
 from ldt_core.recording.csv_table import CsvTable

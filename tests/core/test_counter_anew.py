@@ -12,7 +12,7 @@ from ldt_core.base.experiment import Experiment
 from ldt_core.base.settings import resolve
 from ldt_core.machine import Plant
 from ldt_core.machine.machine_file import Machine, load_machine
-from ldt_core.notebook.recorded_experiments import read
+from ldt_core.python_api.recorded_experiments import read
 from ldt_core.recording.bag import read_bag
 from ldt_core.recording.health import inspect
 from ldt_core.recording.writer import BagWriter

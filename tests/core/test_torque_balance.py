@@ -25,7 +25,7 @@ from ldt_core.calibration.torque_balance import (
 from ldt_core.cli.identify import command
 from ldt_core.machine.machine_file import load_machine
 from ldt_core.models.physics import PhysicsModel
-from ldt_core.notebook.simulated_experiments import simulate as simulated
+from ldt_core.python_api.simulated_experiments import simulate as simulated
 from ldt_core.recording.writer import BagWriter
 
 PERIOD, SUBSTEPS = 0.01, 20

@@ -1,0 +1,1 @@
+"""What every page is built of: blocks, templates, and the style of figures."""

@@ -73,19 +73,18 @@ def _rates(counts: Sequence[AlarmCount]) -> Table:
 
 
 def _delays(counts: Sequence[AlarmCount]) -> Table:
-    rows: list[list[Value]] = []
-    for c in counts:
-        if c.delays:
-            rows.append(
-                [
-                    number(c.task.size),
-                    cell(mean(c.delays)),
-                    f"{sum(d > AFTER for d in c.delays)} of {len(c.delays)}",
-                    cell(mean(c.cusum)),
-                    number(lorden(c.task.size, known=True)),
-                    number(lorden(c.task.size, known=False)),
-                ]
-            )
+    rows: list[list[Value]] = [
+        [
+            number(c.task.size),
+            cell(mean(c.delays)),
+            f"{sum(d > AFTER for d in c.delays)} of {len(c.delays)}",
+            cell(mean(c.cusum)),
+            number(lorden(c.task.size, known=True)),
+            number(lorden(c.task.size, known=False)),
+        ]
+        for c in counts
+        if c.delays
+    ]
     return Table(
         "Experiments from a change to the first positive, 1 being the change's own",
         DELAYS,

@@ -11,7 +11,7 @@ from ldt_core.base.metrics import Summary
 from ldt_core.base.sentences import counted
 from ldt_core.detectors.base import Detector
 from ldt_core.models.base import Model
-from ldt_core.notebook.recorded_experiments import (
+from ldt_core.python_api.recorded_experiments import (
     ExperimentsLike,
     MachineLike,
     described_step,

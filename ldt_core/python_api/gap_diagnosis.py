@@ -13,8 +13,8 @@ from ldt_core.base.settings import HOLDOUT, check, resolve
 from ldt_core.diagnosis.diagnose import diagnose as find_cause
 from ldt_core.diagnosis.diagnosis import Diagnosis
 from ldt_core.diagnosis.library import library
-from ldt_core.notebook.recorded_experiments import ExperimentsLike, MachineLike, possible
 from ldt_core.physics.effect import Effect
+from ldt_core.python_api.recorded_experiments import ExperimentsLike, MachineLike, possible
 from ldt_core.views.diagnosis_page.diagnosis_page import diagnosis_figure, write_diagnosis
 
 if TYPE_CHECKING:

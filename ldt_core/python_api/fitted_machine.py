@@ -15,7 +15,7 @@ from ldt_core.calibration.machine_yaml import write_machine_file
 from ldt_core.diagnosis.diagnosis import Diagnosis, read_diagnosis
 from ldt_core.diagnosis.fitted_along import Used, acting_and_along
 from ldt_core.machine.machine_file import Machine
-from ldt_core.notebook.recorded_experiments import ExperimentsLike, MachineLike, possible
+from ldt_core.python_api.recorded_experiments import ExperimentsLike, MachineLike, possible
 
 
 class FittedMachine(Calibration):

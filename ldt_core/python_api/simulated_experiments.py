@@ -12,8 +12,8 @@ from ldt_core.effects import get_effect, parse_effect
 from ldt_core.machine import Plant
 from ldt_core.machine.machine_file import Machine
 from ldt_core.machine.plant import EffectUse
-from ldt_core.notebook.recorded_experiments import MachineLike
 from ldt_core.physics.effect import Effect
+from ldt_core.python_api.recorded_experiments import MachineLike
 
 Effects = Mapping[str | Effect, Mapping[str, float]] | Iterable[str | Effect]
 
