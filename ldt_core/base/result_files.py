@@ -8,18 +8,26 @@ from __future__ import annotations
 
 import contextlib
 import csv
+import functools
 import hashlib
 import io
 import json
 import os
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 from ldt_core.base.errors import BadInput, OptionError
 from ldt_core.base.sentences import listed
 
+
+class _Storable(Protocol):
+    def to_dict(self) -> dict[str, Any]: ...
+
+
+Task = TypeVar("Task")
+Answer = TypeVar("Answer", bound=_Storable)
 Parsed = TypeVar("Parsed")
 
 OWN = ("format", "origin", "found")  # keys of a record that are ours; the rest is its writer's
@@ -228,6 +236,39 @@ class ResultFolder:
         record = {"format": self.format, "key": path.stem, "origin": self.origin}
         record |= {**(about or {}), "content": content}
         write(path, json.dumps(record, separators=(",", ":"), allow_nan=False))
+
+    def complete(
+        self,
+        tasks: Sequence[Task],
+        place: Callable[[Task], str],
+        parse: Callable[[Task, Any], Answer],
+        compute: Callable[[list[Task]], Iterable[tuple[Task, Answer]]],
+        progress: Callable[[int, int], None],
+        about: Callable[[Task], Mapping[str, Any]] = lambda task: {},
+    ) -> dict[str, Answer]:
+        """Every result by its name; what is not there is computed, and kept as it comes.
+
+        Args:
+            tasks: whose results are asked for, each by another name.
+            place: name of a task's result.
+            parse: makes a task's result from its content, as in `read`.
+            compute: answers the tasks that it is given, in any order.
+            progress: told before the first and after each computed result: how many are there, how
+                many there will be.
+            about: what is to be noted of a task.
+        """
+        found = {}
+        for task in tasks:
+            known = self.read(place(task), functools.partial(parse, task))
+            if known is not None:
+                found[place(task)] = known
+        missing = [task for task in tasks if place(task) not in found]
+        progress(len(found), len(tasks))
+        for task, answer in compute(missing):
+            self.write(place(task), answer.to_dict(), about(task))
+            found[place(task)] = answer
+            progress(len(found), len(tasks))
+        return found
 
     def _path(self, name: str) -> Path:
         return self.out / f"{name}.json"

@@ -119,6 +119,7 @@ def test_a_damaged_result_is_computed_again_and_said(whole, short_rotor, tmp_pat
     files = sorted((tmp_path / "runs").iterdir())
     files[0].write_text(files[0].read_text()[:-40])
     record = json.loads(files[1].read_text())
+    assert record["case"]["seed"] == 0  # what was run, in words for other programs
     record["origin"]["numpy"] = "0.1"
     record["content"]["max_error"] = [0.0] * 7
     files[1].write_text(json.dumps(record))

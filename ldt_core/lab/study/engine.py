@@ -11,8 +11,9 @@ import dataclasses
 import json
 import time
 from collections.abc import Callable, Collection, Iterable, Mapping
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -38,72 +39,6 @@ from ldt_core.twin.detector_stage import DetectorStage
 from ldt_core.twin.loop import Twin, faultless
 
 FORMAT = "ldt-study-1"
-
-
-class StudyStore:
-    """What of a study has been computed, in memory and in its folder.
-
-    Args:
-        out: folder of the study.
-        stamp: what computes now, see `code_version`.
-        machine: on which it computes.
-    """
-
-    def __init__(self, out: Path | str, stamp: Mapping[str, str], machine: Machine) -> None:
-        origin = {**stamp, "machine": json_digest(machine.as_dict())[:12]}
-        self.folder = ResultFolder(out, FORMAT, origin)
-        self.results: dict[str, RunResult] = {}
-        self.facts: dict[str, Facts] = {}
-
-    def result(self, case: StudyCase) -> RunResult | None:
-        """The result of a case; None when it has to be computed."""
-        return self.folder.read(f"runs/{case.key}", lambda p: RunResult.from_dict(case, p))
-
-    def recall(self, cases: Iterable[StudyCase]) -> list[tuple[str, StudyCase]]:
-        """Take what is there of these runs and their streams; the rest is returned, in order."""
-        missing, streams = [], set(self.facts)
-        for case in cases:
-            if (key := stream_key(case)) not in streams:
-                streams.add(key)
-                facts = self.folder.read(f"facts/{key}", Facts.from_dict)
-                if facts is not None:
-                    self.facts[key] = facts
-                else:
-                    missing.append(("facts", case))
-            if (result := self.result(case)) is not None:
-                self.results[case.key] = result
-            else:
-                missing.append(("run", case))
-        return missing
-
-    def keep(self, case: StudyCase, answer: RunResult | Facts) -> None:
-        """Write down what was computed; a reader sees all of it or nothing."""
-        about = {"case": dataclasses.asdict(case)}
-        if isinstance(answer, Facts):
-            key = stream_key(case)
-            self.facts[key] = answer
-            self.folder.write(f"facts/{key}", answer.to_dict(), about)
-        else:
-            self.results[case.key] = answer
-            self.folder.write(f"runs/{case.key}", answer.to_dict(), about)
-
-    @property
-    def notes(self) -> list[str]:
-        """What in the folder is not as it should be, a sentence each."""
-        notes, folder = [], self.folder
-        if folder.damaged:
-            notes.append(
-                f"{counted(len(folder.damaged), 'result')} could not be read and were computed "
-                f"again, the first being {folder.damaged[0]}"
-            )
-        if folder.foreign:
-            notes.append(
-                f"{counted(folder.foreign, 'result')} came from another version of LDT, of its "
-                "libraries or of the machine file and were computed again"
-            )
-        return notes
-
-
 FILE = "study.json"
 #: Folders in it of what has been computed.
 PARTS = ("runs", "facts", "robustness", "alarms")
@@ -140,14 +75,15 @@ def conduct(
     check(plan, runs, machine)
     with Workers(jobs, scheduler, code_version) as workers:
         _open(Path(out), plan)
-        store = StudyStore(out, code_version(), machine)
-        _complete(store, runs, workers, machine, progress)
-        baselines = plan.baselines((p, store.results[p.case.key]) for p in runs)
-        _complete(store, baselines, workers, machine, progress)
-        before = len(store.results) + len(store.facts)
+        folder, found = study_folder(out, code_version(), machine), _Found({}, {})
+        _complete(folder, found, runs, workers, machine, progress)
+        baselines = plan.baselines((p, found.results[p.case.key]) for p in runs)
+        _complete(folder, found, baselines, workers, machine, progress)
+        before = len(found.results) + len(found.facts)
         beyond = conduct_named(plan, out, workers, lambda d, t: progress(before + d, before + t))
-    study = _study(plan, [*runs, *baselines], store)
-    return dataclasses.replace(study, robust=beyond.robust, alarms=beyond.alarms)
+    planned = (*runs, *baselines)
+    entries = tuple(Entry(found.results[p.case.key], p.groups, p.beside) for p in planned)
+    return Study(dataclasses.asdict(plan), entries, found.facts, tuple(_notes(folder)), *beyond)
 
 
 def check(plan: StudyPlan, runs: Iterable[Planned], machine: Machine) -> None:
@@ -183,34 +119,78 @@ def work(task: Task) -> RunResult | Facts:
         raise LdtError(f"{what}, seed {case.seed}: {reason_of(error)}") from error
 
 
+def study_folder(out: Path | str, stamp: Mapping[str, str], machine: Machine) -> ResultFolder:
+    """What a study has computed on a machine; `stamp` says by which code, see `code_version`."""
+    return ResultFolder(out, FORMAT, {**stamp, "machine": json_digest(machine.as_dict())[:12]})
+
+
+class _Found(NamedTuple):
+    """Results of runs by the key of the case, and facts by that of the stream."""
+
+    results: dict[str, RunResult]
+    facts: dict[str, Facts]
+
+
 def _complete(
-    store: StudyStore,
+    folder: ResultFolder,
+    found: _Found,
     planned: Iterable[Planned],
     workers: Workers,
     machine: Machine,
     progress: Progress,
 ) -> None:
-    """Compute what the store lacks of these runs, and keep each result as it comes.
+    """Find these runs and the facts of their streams, or compute them.
 
     Raises:
         LdtError: a run failed; what was computed before is kept.
     """
-    tasks: list[Task] = [(kind, case, machine) for kind, case in store.recall(_ordered(planned))]
-    before = len(store.results) + len(store.facts)
-    total = before + len(tasks)
-    progress(before, total)
-    for count, (task, answer) in enumerate(workers.map(work, tasks), start=1):
-        store.keep(task[1], answer)
-        progress(before + count, total)
+    tasks: dict[str, Task] = {}
+    for case in [p.case for p in sorted(planned, key=lambda p: p.order)]:
+        if stream_key(case) not in found.facts:
+            tasks.setdefault(f"facts/{stream_key(case)}", ("facts", case, machine))
+        if case.key not in found.results:
+            tasks.setdefault(f"runs/{case.key}", ("run", case, machine))
+    before = len(found.results) + len(found.facts)
+    answers = folder.complete(
+        list(tasks.values()),
+        _place,
+        _parsed,
+        compute=partial(workers.map, work),
+        progress=lambda done, total: progress(before + done, before + total),
+        about=lambda task: {"case": dataclasses.asdict(task[1])},
+    )
+    for name, answer in answers.items():
+        key = name.partition("/")[2]
+        if isinstance(answer, Facts):
+            found.facts[key] = answer
+        else:
+            found.results[key] = answer
 
 
-def _ordered(planned: Iterable[Planned]) -> list[StudyCase]:
-    return [p.case for p in sorted(planned, key=lambda p: p.order)]
+def _place(task: Task) -> str:
+    kind, case, _ = task
+    return f"facts/{stream_key(case)}" if kind == "facts" else f"runs/{case.key}"
 
 
-def _study(plan: StudyPlan, planned: list[Planned], store: StudyStore) -> Study:
-    entries = tuple(Entry(store.results[p.case.key], p.groups, p.beside) for p in planned)
-    return Study(dataclasses.asdict(plan), entries, store.facts, tuple(store.notes))
+def _parsed(task: Task, plain: Mapping[str, Any]) -> RunResult | Facts:
+    kind, case, _ = task
+    return Facts.from_dict(plain) if kind == "facts" else RunResult.from_dict(case, plain)
+
+
+def _notes(folder: ResultFolder) -> list[str]:
+    """What in the folder is not as it should be, a sentence each."""
+    notes = []
+    if folder.damaged:
+        notes.append(
+            f"{counted(len(folder.damaged), 'result')} could not be read and were computed "
+            f"again, the first being {folder.damaged[0]}"
+        )
+    if folder.foreign:
+        notes.append(
+            f"{counted(folder.foreign, 'result')} came from another version of LDT, of its "
+            "libraries or of the machine file and were computed again"
+        )
+    return notes
 
 
 def _open(out: Path, plan: StudyPlan) -> None:

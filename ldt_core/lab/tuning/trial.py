@@ -79,13 +79,13 @@ class Tried:
         """Positive signals."""
         return self.level.count(Level.POSITIVE)
 
-    def as_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """Plain JSON."""
         return asdict(self)
 
     @classmethod
     def from_dict(cls, plain: Mapping[str, Any], setting: DetectorSetting) -> Self:
-        """What `as_dict` gave.
+        """What `to_dict` gave.
 
         Raises:
             KeyError, TypeError: it did not.

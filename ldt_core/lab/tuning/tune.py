@@ -186,24 +186,18 @@ class _Trials:
 
     def try_all(self, settings: Iterable[DetectorSetting]) -> None:
         """Try what has not been tried yet, and keep what came of it."""
-        missing = []
-        for setting in dict.fromkeys(s for s in settings if s not in self.tried):
-            parse = partial(Tried.from_dict, setting=setting)
-            known = self.folder.read(setting_key(setting), parse)
-            if known is not None:
-                self.tried[setting] = known
-            else:
-                missing.append(setting)
         # What learns most takes longest, and begins first.
-        missing.sort(key=lambda s: (s == NEVER, s.value))
+        new = dict.fromkeys(s for s in settings if s not in self.tried)
+        tasks = [(s, self.job) for s in sorted(new, key=lambda s: (s == NEVER, s.value))]
         before = len(self.tried)
-        total = before + len(missing)
-        self.progress(before, total)
-        tasks = [(setting, self.job) for setting in missing]
-        for number, (_, found) in enumerate(self.workers.map(try_setting, tasks), start=1):
-            self.tried[found.setting] = found
-            self.folder.write(setting_key(found.setting), found.as_dict())
-            self.progress(before + number, total)
+        found = self.folder.complete(
+            tasks,
+            place=lambda task: setting_key(task[0]),
+            parse=lambda task, plain: Tried.from_dict(plain, task[0]),
+            compute=partial(self.workers.map, try_setting),
+            progress=lambda done, total: self.progress(before + done, before + total),
+        )
+        self.tried |= {one.setting: one for one in found.values()}
 
 
 def _usable(

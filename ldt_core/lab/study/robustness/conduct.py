@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from ldt_core.base.code_version import code_version
 from ldt_core.base.errors import LdtError, reason_of
@@ -95,18 +95,9 @@ def conduct_named(
     if not tasks:
         return Beyond((), ())
     folder = ResultFolder(out, FORMAT, code_version())
-    found: dict[Task, Answer] = {}
-    for task in tasks:
-        known = folder.read(_place(task), partial(_parsed, task))
-        if known is not None:
-            found[task] = known
-    missing = [task for task in tasks if task not in found]
-    progress(len(found), len(tasks))
-    for task, answer in workers.map(_work, missing):
-        folder.write(_place(task), answer.to_dict(), {"task": asdict(task)})
-        found[task] = answer
-        progress(len(found), len(tasks))
-    answers = [found[task] for task in tasks]
+    compute, about = partial(workers.map, _work), lambda task: {"task": asdict(task)}
+    found = folder.complete(tasks, _place, _parsed, compute, progress, about)
+    answers = [found[_place(task)] for task in tasks]
     return Beyond(
         tuple(a for a in answers if isinstance(a, RobustRun)),
         tuple(a for a in answers if isinstance(a, AlarmCount)),
@@ -117,7 +108,7 @@ def _place(task: Task) -> str:
     return f"{'robustness' if isinstance(task, RobustTask) else 'alarms'}/{task.key}"
 
 
-def _parsed(task: Task, plain: dict[str, object]) -> Answer:
+def _parsed(task: Task, plain: Mapping[str, Any]) -> Answer:
     if isinstance(task, RobustTask):
         return RobustRun.from_dict(task, plain)
     return AlarmCount.from_dict(task, plain)
