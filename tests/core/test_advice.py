@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from scipy.ndimage import uniform_filter1d
 
 from ldt_core.advice.advise import NO_FOUNDATION, advise
 from ldt_core.advice.bands import (
@@ -63,21 +62,10 @@ def learned(e: float, version: int = 3) -> ModelRecord:
 # ---- bands
 
 
-def test_a_slow_ramp_jumps_at_the_folds():
-    """Up and down again in 600 s each: every jump within 2 % of the band's edge."""
-    values = rotor(0.008336)
-    bands = voltage_bands(values, LIMIT)
+def test_a_band_is_bounded_by_folds():
+    """At which a slow ramp jumps, as `test_rotor.py` shows by a simulation."""
+    bands = voltage_bands(rotor(0.008336), LIMIT)
     assert [(round(b.low, 2), round(b.high, 2)) for b in bands] == [(6.15, 8.0), (10.99, 16.04)]
-    period = 0.05
-    up = np.arange(0, 600, period) / 600 * LIMIT
-    volts = np.concatenate([up, up[::-1]])
-    # Averaged over 4 s, 0.16 V of the ramp: near resonance the speed beats by more than the band.
-    speed = uniform_filter1d(simulated(values, volts, period), 80)
-    for band in bands:
-        middle = (band.held[1] + band.free[0]) / 2
-        above = np.flatnonzero(speed > middle)
-        assert volts[above[0]] == pytest.approx(band.high, rel=0.02)
-        assert volts[above[-1]] == pytest.approx(band.low, rel=0.02)
 
 
 @given(e=st.floats(1e-4, 0.02), b=st.floats(0.5, 2.0), r=st.floats(0.5, 3.0))

@@ -1,6 +1,7 @@
 """Every detector keeps the promises of the protocol, and the suite finds one that does not."""
 
 import json
+import math
 from importlib.metadata import EntryPoint
 
 import numpy as np
@@ -19,6 +20,7 @@ from ldt_core.detectors import DETECTORS, build_detector
 from ldt_core.detectors.base import Detector
 from ldt_core.detectors.lddm import LDDM
 from ldt_core.detectors.threshold import Threshold
+from ldt_core.detectors.window import Window
 
 #: Detectors that are positive at zero residual, and why.
 NOT_QUIET = {
@@ -176,6 +178,34 @@ def test_a_bad_argument_is_named(entry, words):
     with pytest.raises(OptionError) as caught:
         build_detector("threshold", {"detector_argument": [entry]})
     assert words in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("detector", "arguments", "words"),
+    [
+        (LDDM, {"error_threshold": -1.0}, ("error_threshold", "0 to 1e+09 rad/s", "-1")),
+        (LDDM, {"drift_level": math.inf}, ("drift_level", "finite", "inf")),
+        (LDDM, {"drift_level": 1.0}, ("warning_level", "drift_level (1)", "2")),
+        (LDDM, {"warning_level": -2.0}, ("warning_level", "0 to 1000", "-2")),
+        (LDDM, {"literal": 1}, ("literal", "true or false", "1")),
+        (Threshold, {"threshold": -1.0}, ("threshold", "0 to 1e+09 rad/s", "-1")),
+        (Threshold, {"threshold": math.nan}, ("threshold", "finite", "nan")),
+        (Threshold, {"threshold": "3"}, ("threshold", "number", "'3'")),
+        (Threshold, {"threshold": True}, ("threshold", "number", "True")),
+        (
+            Threshold,
+            {"threshold": 1.0, "warning_threshold": 2.0},
+            ("warning_threshold", "(1 rad/s)", "2"),
+        ),
+        (Threshold, {"warning_threshold": -0.5}, ("warning_threshold", "0 to", "-0.5")),
+        *((Window, {"window": w}, ("window", str(w))) for w in (0, -3, 1.5, "10", True)),
+    ],
+)
+def test_an_argument_outside_its_range_is_named(detector, arguments, words):
+    """The sentence names the argument, its range and the value."""
+    with pytest.raises(OptionError) as caught:
+        detector(**arguments)
+    assert all(word in str(caught.value) for word in words), str(caught.value)
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ldt_core.base.errors import OptionError
 from ldt_core.detectors.lddm import LDDM
 
 bits = st.lists(st.booleans(), min_size=1, max_size=12)
@@ -135,23 +134,6 @@ def test_indices_on_seeded_streams(seed, warnings, positives):
     answers = signals(LDDM(error_threshold=1.0), stream)
     assert [i for i, answer in enumerate(answers, start=1) if answer == 0] == warnings
     assert [i for i, answer in enumerate(answers, start=1) if answer == 1] == positives
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        ({"error_threshold": -1.0}, ("error_threshold", "0 to 1e+09 rad/s", "-1")),
-        ({"drift_level": math.inf}, ("drift_level", "finite", "inf")),
-        ({"drift_level": 1.0}, ("warning_level", "drift_level (1)", "2")),
-        ({"warning_level": -2.0}, ("warning_level", "0 to 1000", "-2")),
-        ({"literal": 1}, ("literal", "true or false", "1")),
-    ],
-)
-def test_bad_arguments_are_named(arguments, words):
-    """The sentence names the argument, its range and the value."""
-    with pytest.raises(OptionError) as caught:
-        LDDM(**arguments)
-    assert all(word in str(caught.value) for word in words), str(caught.value)
 
 
 def test_a_state_in_which_learning_did_not_help_is_never_the_reference():
