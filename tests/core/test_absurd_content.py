@@ -147,16 +147,21 @@ def test_an_adaptor_that_fails_costs_one_experiment(tmp_path, monkeypatch):
     assert again.experiments == COUNT + 1
 
 
-def test_a_model_that_fails_leaves_one_experiment_unanswered(monkeypatch):
-    """That is told as what it is, a failure of the work, and the run goes on."""
+@pytest.fixture
+def failing(monkeypatch):
+    """The physics fails at an experiment, and not at those that nobody has sent."""
     predict = PhysicsModel.predict
 
     def fail(self, experiment):
-        if experiment.number == BAD:
+        if experiment.number == BAD and len(experiment) > 3:
             raise OverflowError("too large")
         return predict(self, experiment)
 
     monkeypatch.setattr(PhysicsModel, "predict", fail)
+
+
+def test_a_model_that_fails_leaves_one_experiment_unanswered(failing):
+    """That is told as what it is, a failure of the work, and the run goes on."""
     settings = resolve({"model": "physics"})
     summary = offline.run(SHORT, settings, made(), None)
     assert summary.experiments == COUNT - 1
@@ -166,16 +171,8 @@ def test_a_model_that_fails_leaves_one_experiment_unanswered(monkeypatch):
     assert [type(e) for e in refused] == [UnansweredExperiment]
 
 
-def test_an_experiment_without_an_answer_is_the_exit_code(monkeypatch, capsys):
+def test_an_experiment_without_an_answer_is_the_exit_code(failing, capsys):
     """1, after the table, with a sentence that says which."""
-    predict = PhysicsModel.predict
-
-    def fail(self, experiment):
-        if experiment.number == BAD and len(experiment) > 3:
-            raise OverflowError("too large")
-        return predict(self, experiment)
-
-    monkeypatch.setattr(PhysicsModel, "predict", fail)
     arguments = ["run", "--model", "physics", "--experiments", "4", "--no-bag"]
     assert invoke(ldt, arguments) == 1
     told = capsys.readouterr()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import random
 import signal
 import subprocess
 import sys
@@ -18,7 +17,7 @@ import pytest
 import zstandard
 from mcap.writer import CompressionType, IndexType, Writer
 
-from ldt_core.base.errors import BadInput, ExperimentError, LdtError, RecordingError
+from ldt_core.base.errors import ExperimentError, LdtError, RecordingError
 from ldt_core.base.experiment import (
     Action,
     Adaptation,
@@ -392,40 +391,6 @@ def test_an_unusable_recording_is_refused_in_a_sentence(tmp_path, fault):
     assert str(path) in str(caught.value)
     assert named in str(caught.value)
     assert "\n" not in str(caught.value)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("damage", ["cut", "flipped"])
-def test_a_damaged_recording_gives_what_is_left_or_a_sentence(tmp_path, damage):
-    """200 cuts or bit flips at random places of the file: never another exception.
-
-    What is recovered is right: a number that is given has the samples that it had. Damage is never
-    silent where an experiment is missing.
-    """
-    path = tmp_path / "run"
-    with BagWriter(path, "rotor") as bag:
-        for number in range(1, 9):
-            bag.write("experiment", experiment(number), START)
-            bag.flush()
-    file = path / "run_0.mcap"
-    whole = file.read_bytes()
-    place = random.Random(1)
-    recovered = 0
-    for _ in range(200):
-        at = place.randrange(len(whole))
-        if damage == "cut":
-            broken = whole[:at]
-        else:
-            broken = whole[:at] + bytes([whole[at] ^ 1 << place.randrange(8)]) + whole[at + 1 :]
-        file.write_bytes(broken)
-        try:
-            found, notes = experiments(path)
-        except BadInput:
-            continue
-        assert all(equal(e, experiment(e.number)) for e in found)
-        assert len(found) == 8 or notes
-        recovered += len(found)
-    assert recovered > 400
 
 
 def test_reading_a_recording_takes_bounded_memory(tmp_path):

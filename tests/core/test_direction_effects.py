@@ -24,14 +24,6 @@ def held(level, seconds):
     return np.full(round(seconds / PERIOD) + 1, float(level))
 
 
-@pytest.mark.parametrize(("level", "torque"), [(10, 0.2), (-10, -0.05)])
-def test_dry_friction_may_be_larger_forward_than_backward(level, torque):
-    """At steady speed K_t i = b w + T_f forward, and K_t i = b w - T_b backward."""
-    effect = "asymmetric_friction:torque_forward=0.2,torque_backward=0.05"
-    speed, current = free_run(ROTOR, held(level, 20), effect)[-1, 1:3]
-    assert 0.3 * current == pytest.approx(0.01 * speed + torque, rel=1e-8)
-
-
 def test_equal_levels_are_coulomb_friction():
     """Through a reversal, too."""
     volts = np.repeat([8.0, -8, 0, 5], 200)
@@ -141,14 +133,6 @@ def test_the_step_that_an_effect_asks_for_resolves_it(machine, effect):
     coarse = free_run(machine, volts, effect)[:, 1]
     fine = free_run(machine, volts, effect, max_step=min(0.25e-3, 1 / rate) / 4)[:, 1]
     assert np.abs(coarse - fine).max() < 5e-3
-
-
-@pytest.mark.parametrize(("level", "b"), [(10, 0.016), (-10, 0.013)])
-def test_viscous_friction_may_differ_by_direction(level, b):
-    """At steady speed K_t i = (b + b_f) w forward, and (b + b_b) w backward."""
-    effect = "viscous_asymmetric:b_forward=0.006,b_backward=0.003"
-    speed, current = free_run(ROTOR, held(level, 20), effect)[-1, 1:3]
-    assert 0.3 * current == pytest.approx(b * speed, rel=1e-8)
 
 
 def test_open_terminals_let_the_shaft_coast_at_a_command_of_zero_alone():

@@ -89,24 +89,29 @@ def test_the_suite_catches_an_effect_that_is_not_neutral():
 
 
 @pytest.mark.parametrize(
-    ("effect", "torque"),
+    ("level", "effect", "torque"),
     [
-        ("coulomb_friction:torque=0.1", lambda w: 0.1),
-        ("constant_load:torque=0.1", lambda w: 0.1),
-        ("quadratic_drag:c=0.0002", lambda w: 2e-4 * w**2),
-        ("viscous_friction:b=0.005", lambda w: 0.005 * w),
+        (10, "coulomb_friction:torque=0.1", lambda w: 0.1),
+        (10, "constant_load:torque=0.1", lambda w: 0.1),
+        (10, "quadratic_drag:c=0.0002", lambda w: 2e-4 * w**2),
+        (10, "viscous_friction:b=0.005", lambda w: 0.005 * w),
         (
+            10,
             "stribeck_friction:torque=0.1,static=0.2,velocity=20",
             lambda w: 0.1 + 0.2 * math.exp(-((w / 20) ** 2)),
         ),
+        (10, "asymmetric_friction:torque_forward=0.2,torque_backward=0.05", lambda w: 0.2),
+        (-10, "asymmetric_friction:torque_forward=0.2,torque_backward=0.05", lambda w: -0.05),
+        (10, "viscous_asymmetric:b_forward=0.006,b_backward=0.003", lambda w: 0.006 * w),
+        (-10, "viscous_asymmetric:b_forward=0.006,b_backward=0.003", lambda w: 0.003 * w),
     ],
 )
-def test_a_load_takes_its_torque_from_the_steady_speed(effect, torque):
+def test_a_load_takes_its_torque_from_the_steady_speed(level, effect, torque):
     """At steady speed K_t i = b w + T(w), to eight digits, and V = R i + K_t w."""
-    states, _ = free_run(ROTOR, held(10, 20), effect)
+    states, _ = free_run(ROTOR, held(level, 20), effect)
     p, (speed, current) = ROTOR.parameters, states[-1, 1:3]
     assert p["K_t"] * current == pytest.approx(p["b"] * speed + torque(speed), rel=1e-8)
-    assert p["R"] * current + p["K_t"] * speed == pytest.approx(10, rel=1e-8)
+    assert p["R"] * current + p["K_t"] * speed == pytest.approx(level, rel=1e-8)
 
 
 def test_dry_friction_above_the_stall_torque_holds_the_shaft():
