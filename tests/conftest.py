@@ -158,6 +158,18 @@ def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
+def one_sentence(capsys: pytest.CaptureFixture[str]) -> Callable[[], str]:
+    """What was said on standard error, which is one line."""
+
+    def said() -> str:
+        line = capsys.readouterr().err
+        assert line.count("\n") == 1, line
+        return line
+
+    return said
+
+
+@pytest.fixture
 def programs():
     """Starts programs, none of which outlives the test."""
     with Programs() as running:

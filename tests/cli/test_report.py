@@ -90,13 +90,13 @@ def test_the_command_writes_one_page(tmp_path, capsys):
         (str(SAMPLE), "no/run.html", "out: expected a file in a folder that exists"),
     ],
 )
-def test_what_cannot_be_done_is_one_sentence(recording, out, words, tmp_path, monkeypatch, capsys):
+def test_what_cannot_be_done_is_one_sentence(
+    recording, out, words, tmp_path, monkeypatch, one_sentence
+):
     """With exit code 2, and no file."""
     monkeypatch.chdir(tmp_path)
     assert invoke(command, [recording, "-o", out]) == 2
-    said = capsys.readouterr().err
-    assert words in said
-    assert said.count("\n") == 1
+    assert words in one_sentence()
     assert not list(tmp_path.iterdir())
 
 

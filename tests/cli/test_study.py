@@ -186,7 +186,7 @@ def test_a_folder_that_is_no_studys_is_left_alone(tmp_path, capsys, damage):
 
 @pytest.mark.parametrize("place", ["new", "runs", "robustness"])
 def test_a_folder_that_cannot_be_written_to_is_refused_at_once(
-    place, short_rotor, tmp_path, monkeypatch, capsys
+    place, short_rotor, tmp_path, monkeypatch, one_sentence
 ):
     """Not when the first result is there, which may take minutes."""
     monkeypatch.setattr(engine, "_complete", pytest.fail)
@@ -197,9 +197,7 @@ def test_a_folder_that_cannot_be_written_to_is_refused_at_once(
         out.mkdir()
         (out / place).symlink_to("/proc")
     assert invoke(ldt, small(short_rotor, out)) == 2
-    said = capsys.readouterr().err
-    assert said.startswith("ldt: --out: expected a folder that can be written to, got ")
-    assert said.count("\n") == 1
+    assert one_sentence().startswith("ldt: --out: expected a folder that can be written to, got ")
 
 
 def test_a_damaged_result_is_said(done, short_rotor, capsys, quick_page):

@@ -114,7 +114,7 @@ def test_another_recordings_result_is_not_replaced_without_a_word(
 
 @pytest.mark.parametrize("place", ["new", "runs"])
 def test_a_folder_that_cannot_be_written_to_is_refused_at_once(
-    place, bag, short_rotor, tmp_path, monkeypatch, capsys
+    place, bag, short_rotor, tmp_path, monkeypatch, one_sentence
 ):
     """Not when the first result is there, of which a tuning makes one in minutes."""
     monkeypatch.setattr("ldt_core.lab.tuning.tune.try_setting", pytest.fail)
@@ -125,9 +125,7 @@ def test_a_folder_that_cannot_be_written_to_is_refused_at_once(
         (out / "runs").symlink_to("/proc")
     words = ["--machine", short_rotor, *QUICK, "--detector", "window", "--out", out]
     assert call(bag, *words, "--adaptations", "4") == 2
-    said = capsys.readouterr().err
-    assert said.startswith("ldt: --out: expected a folder that can be written to, got ")
-    assert said.count("\n") == 1
+    assert one_sentence().startswith("ldt: --out: expected a folder that can be written to, got ")
 
 
 @pytest.mark.parametrize(
@@ -143,12 +141,12 @@ def test_a_folder_that_cannot_be_written_to_is_refused_at_once(
         (["--adaptations", "5", "--model", "lineer"], "did you mean 'linear'"),
     ],
 )
-def test_what_is_wrong_gets_one_sentence(bag, short_rotor, tmp_path, capsys, arguments, sentence):
+def test_what_is_wrong_gets_one_sentence(
+    bag, short_rotor, tmp_path, one_sentence, arguments, sentence
+):
     out = tmp_path / "out"
     assert call(bag, "--machine", short_rotor, *arguments, "--out", out) == 2
-    said = capsys.readouterr().err
-    assert sentence in said
-    assert said.count("\n") == 1
+    assert sentence in one_sentence()
     assert not out.exists()
 
 
@@ -177,14 +175,12 @@ def test_a_recording_too_short_is_named(short_rotor, tmp_path, capsys):
         ("settings: null", "parameters with values"),
     ],
 )
-def test_a_bad_file_of_parameters_gets_one_sentence(bag, tmp_path, capsys, text, sentence):
+def test_a_bad_file_of_parameters_gets_one_sentence(bag, tmp_path, one_sentence, text, sentence):
     file = tmp_path / "bad.json"
     file.write_text(text)
     arguments = [str(bag), "--settings", str(file), "--out", str(tmp_path / "out")]
     assert invoke(replay.command, arguments) == 2
-    said = capsys.readouterr().err
-    assert sentence in said
-    assert said.count("\n") == 1
+    assert sentence in one_sentence()
 
 
 def test_options_go_before_a_file_of_parameters(bag, short_rotor, tmp_path, capsys):

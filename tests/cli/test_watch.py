@@ -85,9 +85,7 @@ def test_a_port_that_is_taken_is_one_sentence(capsys):
         ([SAMPLE, "--port", "70000"], "--port"),
     ],
 )
-def test_what_cannot_be_done_is_one_sentence(arguments, words, capsys):
+def test_what_cannot_be_done_is_one_sentence(arguments, words, one_sentence):
     """With exit code 2."""
     assert invoke(command, [*arguments]) == 2
-    said = capsys.readouterr().err
-    assert words in said
-    assert said.count("\n") == 1
+    assert words in one_sentence()

@@ -79,12 +79,10 @@ def test_replay_takes_it_too(tmp_path, short_rotor):
 
 
 @pytest.mark.parametrize("name", ["papper", "none"])
-def test_an_unknown_one_is_refused_in_a_sentence(name, capsys):
+def test_an_unknown_one_is_refused_in_a_sentence(name, one_sentence):
     """Exit code 2, and what there is."""
     assert invoke(command, ["run", "--preset", name, "--no-bag"]) == 2
-    said = capsys.readouterr().err
-    assert said.startswith("ldt: preset: expected one of 'paper'")
-    assert said.count("\n") == 1
+    assert one_sentence().startswith("ldt: preset: expected one of 'paper'")
     with pytest.raises(OptionError, match=f"got '{name}'"):
         ldt.Twin("rotor", preset=name)
 
