@@ -249,12 +249,11 @@ class ResultFolder:
         """Every result by its name; what is not there is computed, and kept as it comes.
 
         Args:
-            tasks: whose results are asked for, each by another name.
-            place: name of a task's result.
-            parse: makes a task's result from its content, as in `read`.
-            compute: answers the tasks that it is given, in any order.
-            progress: told before the first and after each computed result: how many are there, how
-                many there will be.
+            tasks: whose results are asked for.
+            place: the name of a task's result, no other one's.
+            parse: as in `read`.
+            compute: answers tasks, in any order.
+            progress: told how many results are there and will be, first and after each.
             about: what is to be noted of a task.
         """
         found = {}

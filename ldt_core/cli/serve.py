@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import click
 
-from ldt_core.base.printable import printable
 from ldt_core.cli.options import (
     json_option,
     namespace_option,
     playback_rate_option,
     serving_options,
 )
-from ldt_core.cli.terminal import echo_result
+from ldt_core.cli.terminal import echo_address
 
 PORT = 8765  # that these programs propose
 
@@ -46,7 +45,6 @@ def command(
     from ldt_core.base.stopping import stop_on_signals
     from ldt_core.views.export.foxglove_relay import FoxgloveRelay
     from ldt_core.views.watch.record_source import Playback, RecordSource, graph
-    from ldt_core.views.watch.server import is_loopback
 
     played = Playback(recording, namespace, rate) if recording else None
     source: RecordSource = played or graph(namespace)
@@ -63,14 +61,7 @@ def command(
         samples = threading.Thread(target=relay.play, args=(elapsed, stop), daemon=True)
         samples.start()
         address = f"ws://{host}:{relay.port}"
-        if not is_loopback(host):
-            warning = f"WARNING: bound to {host}: everybody on this network can listen"
-            click.secho(printable(warning), err=True, fg="red", bold=True)
-        echo_result(
-            as_json,
-            {"address": address, "served": source.words},
-            f"{source.words}: {address} (Ctrl-C ends it)",
-        )
+        echo_address(as_json, "served", source.words, host, "listen", address)
         try:
             source.run(relay, stop, lambda: None)
             while repeat and played and not stop.is_set():

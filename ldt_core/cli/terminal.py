@@ -54,6 +54,26 @@ def echo_result(as_json: bool, record: Any, *lines: str) -> None:
         echo("\n".join(lines))
 
 
+def echo_address(
+    as_json: bool, shown: str, words: str, host: str, others: str, address: str
+) -> None:
+    """Say where something is served until Ctrl-C.
+
+    Args:
+        shown: key of what is served.
+        words: for what is served.
+        host: that the server is bound to.
+        others: what the whole network can do, unless that is this computer.
+    """
+    from ldt_core.views.watch.server import is_loopback
+
+    if not is_loopback(host):
+        warning = printable(f"WARNING: bound to {host}: everybody on this network can {others}")
+        click.secho(warning, err=True, fg="red", bold=True)
+    record = {"address": address, shown: words}
+    echo_result(as_json, record, f"{words}: {address} (Ctrl-C ends it)")
+
+
 def warn(*sentences: str) -> None:
     """Print sentences to standard error, a line each."""
     for sentence in sentences:

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import click
 
-from ldt_core.base.printable import printable
 from ldt_core.cli.options import (
     json_option,
     namespace_option,
     playback_rate_option,
     serving_options,
 )
-from ldt_core.cli.terminal import echo_result
+from ldt_core.cli.terminal import echo_address
 
 PORT = 8766
 
@@ -35,11 +34,12 @@ def command(
     Example: ldt watch my_run --rate 20
     """
     import asyncio
+    from functools import partial
 
     from ldt_core.views.watch.browser_files import assets
     from ldt_core.views.watch.fleet import Fleet
     from ldt_core.views.watch.record_source import Playback, RecordSource, graph
-    from ldt_core.views.watch.server import is_loopback, serve
+    from ldt_core.views.watch.server import serve
 
     source: RecordSource
     if recording:
@@ -48,15 +48,7 @@ def command(
     else:
         source = graph(namespace)
 
-    def ready(address: str) -> None:
-        if not is_loopback(host):
-            warning = (
-                f"WARNING: bound to {host}: everybody on this network can see the machines, "
-                "unencrypted and without a password"
-            )
-            click.secho(printable(warning), err=True, fg="red", bold=True)
-        record = {"address": address, "watched": source.words}
-        echo_result(as_json, record, f"{source.words}: {address} (Ctrl-C ends it)")
-
+    others = "see the machines, unencrypted and without a password"
+    ready = partial(echo_address, as_json, "watched", source.words, host, others)
     fleet = Fleet(source.live)
     asyncio.run(serve(fleet, source, assets(source.words), host, port, ready))

@@ -13,7 +13,7 @@ import time
 from collections.abc import Callable, Collection, Iterable, Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -42,6 +42,7 @@ FORMAT = "ldt-study-1"
 FILE = "study.json"
 #: Folders in it of what has been computed.
 PARTS = ("runs", "facts", "robustness", "alarms")
+FACTS = "facts/"
 #: Told of progress: results that are there, results that there will be as far as is known.
 Progress = Callable[[int, int], None]
 #: "run" or "facts", of which case, on which machine.
@@ -75,15 +76,15 @@ def conduct(
     check(plan, runs, machine)
     with Workers(jobs, scheduler, code_version) as workers:
         _open(Path(out), plan)
-        folder, found = study_folder(out, code_version(), machine), _Found({}, {})
+        folder, found = study_folder(out, code_version(), machine), dict[str, Any]()
         _complete(folder, found, runs, workers, machine, progress)
-        baselines = plan.baselines((p, found.results[p.case.key]) for p in runs)
+        baselines = plan.baselines((p, found[_run(p.case)]) for p in runs)
         _complete(folder, found, baselines, workers, machine, progress)
-        before = len(found.results) + len(found.facts)
+        before = len(found)
         beyond = conduct_named(plan, out, workers, lambda d, t: progress(before + d, before + t))
-    planned = (*runs, *baselines)
-    entries = tuple(Entry(found.results[p.case.key], p.groups, p.beside) for p in planned)
-    return Study(dataclasses.asdict(plan), entries, found.facts, tuple(_notes(folder)), *beyond)
+    entries = [Entry(found[_run(p.case)], p.groups, p.beside) for p in (*runs, *baselines)]
+    facts = {n.removeprefix(FACTS): f for n, f in found.items() if n.startswith(FACTS)}
+    return Study(dataclasses.asdict(plan), tuple(entries), facts, _notes(folder), *beyond)
 
 
 def check(plan: StudyPlan, runs: Iterable[Planned], machine: Machine) -> None:
@@ -124,52 +125,41 @@ def study_folder(out: Path | str, stamp: Mapping[str, str], machine: Machine) ->
     return ResultFolder(out, FORMAT, {**stamp, "machine": json_digest(machine.as_dict())[:12]})
 
 
-class _Found(NamedTuple):
-    """Results of runs by the key of the case, and facts by that of the stream."""
-
-    results: dict[str, RunResult]
-    facts: dict[str, Facts]
-
-
 def _complete(
     folder: ResultFolder,
-    found: _Found,
+    found: dict[str, Any],
     planned: Iterable[Planned],
     workers: Workers,
     machine: Machine,
     progress: Progress,
 ) -> None:
-    """Find these runs and the facts of their streams, or compute them.
+    """Add these runs and the facts of their streams to what was found, by their places.
 
     Raises:
         LdtError: a run failed; what was computed before is kept.
     """
     tasks: dict[str, Task] = {}
     for case in [p.case for p in sorted(planned, key=lambda p: p.order)]:
-        if stream_key(case) not in found.facts:
-            tasks.setdefault(f"facts/{stream_key(case)}", ("facts", case, machine))
-        if case.key not in found.results:
-            tasks.setdefault(f"runs/{case.key}", ("run", case, machine))
-    before = len(found.results) + len(found.facts)
-    answers = folder.complete(
-        list(tasks.values()),
+        for task in (("facts", case, machine), ("run", case, machine)):
+            tasks.setdefault(_place(task), task)
+    before = len(found)
+    found |= folder.complete(
+        [task for name, task in tasks.items() if name not in found],
         _place,
         _parsed,
         compute=partial(workers.map, work),
         progress=lambda done, total: progress(before + done, before + total),
         about=lambda task: {"case": dataclasses.asdict(task[1])},
     )
-    for name, answer in answers.items():
-        key = name.partition("/")[2]
-        if isinstance(answer, Facts):
-            found.facts[key] = answer
-        else:
-            found.results[key] = answer
 
 
 def _place(task: Task) -> str:
     kind, case, _ = task
-    return f"facts/{stream_key(case)}" if kind == "facts" else f"runs/{case.key}"
+    return FACTS + stream_key(case) if kind == "facts" else _run(case)
+
+
+def _run(case: StudyCase) -> str:
+    return f"runs/{case.key}"
 
 
 def _parsed(task: Task, plain: Mapping[str, Any]) -> RunResult | Facts:
@@ -177,7 +167,7 @@ def _parsed(task: Task, plain: Mapping[str, Any]) -> RunResult | Facts:
     return Facts.from_dict(plain) if kind == "facts" else RunResult.from_dict(case, plain)
 
 
-def _notes(folder: ResultFolder) -> list[str]:
+def _notes(folder: ResultFolder) -> tuple[str, ...]:
     """What in the folder is not as it should be, a sentence each."""
     notes = []
     if folder.damaged:
@@ -190,7 +180,7 @@ def _notes(folder: ResultFolder) -> list[str]:
             f"{counted(folder.foreign, 'result')} came from another version of LDT, of its "
             "libraries or of the machine file and were computed again"
         )
-    return notes
+    return tuple(notes)
 
 
 def _open(out: Path, plan: StudyPlan) -> None:
