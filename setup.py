@@ -2,7 +2,7 @@
 
 `python3 setup.py up [OPTIONS]` makes a virtual environment in `.venv`, installs LDT and ROS 2 into
 it, and runs `ldt up`. `python3 setup.py test [PYTEST OPTIONS]` does the same for the tests;
-`python3 setup.py test --quick` runs the core's unit tests only, in 5 min of a processor.
+`python3 setup.py test --quick` runs the core's unit tests only, in 5 min of processor time.
 Everything else is setuptools, as pip and colcon call it.
 """
 

@@ -57,14 +57,7 @@ def echo_result(as_json: bool, record: Any, *lines: str) -> None:
 def echo_address(
     as_json: bool, shown: str, words: str, host: str, others: str, address: str
 ) -> None:
-    """Say where something is served until Ctrl-C.
-
-    Args:
-        shown: key of what is served.
-        words: for what is served.
-        host: that the server is bound to.
-        others: what the whole network can do, unless that is this computer.
-    """
+    """Say where something is served until Ctrl-C, and what others can do if the host lets them."""
     from ldt_core.views.watch.server import is_loopback
 
     if not is_loopback(host):
