@@ -30,6 +30,7 @@ from ldt_core.base.experiment import (
 )
 from ldt_core.base.model_state import shown_state
 from ldt_core.base.own_process import undivided
+from ldt_core.base.sentences import counted
 from ldt_core.base.settings import resolve
 from ldt_core.estimation.doubtful_speed import speed_doubt
 from ldt_core.machine.experiment_limits import too_long_to_learn
@@ -167,15 +168,13 @@ class Adaptor:
             self.diagnosis = self.diagnoser.step(experiment, signal)
             if self.diagnosis is not None and self.diagnosis.cause:
                 self.named = self.diagnosis
+        known = shown_state(signal).known
         if signal.level is Level.NEGATIVE:
-            action, reason = (
-                Action.KEPT,
-                f"{shown_state(signal).known}; version {self.model.version} stays",
-            )
+            action, reason = Action.KEPT, f"{known}; version {self.model.version} stays"
         elif signal.level is Level.WARNING:
             self.memory.store(experiment)
             action, details["dropped"] = Action.STORED, self.memory.dropped
-            reason = f"{shown_state(signal).known}; {_count(len(self.memory))} in the warning set"
+            reason = f"{known}; {counted(len(self.memory), 'experiment')} in the warning set"
         else:
             action, reason, details = self._learn(experiment)
         self.memory.remember(experiment)
@@ -336,7 +335,8 @@ class Adaptor:
 
     def _untried(self, learner: Model, pool: list[Experiment]) -> Offer:
         model = learner.fit(pool)
-        return Offer(model, f"learned from {_count(len(pool))}", {"experiments": len(pool)})
+        origin = f"learned from {counted(len(pool), 'experiment')}"
+        return Offer(model, origin, {"experiments": len(pool)})
 
     def _offer(self, learner: Model, pool: list[Experiment]) -> Offer:
         """The best by the gate: what the learner becomes, an earlier model or the present one."""
@@ -387,7 +387,3 @@ def _figures(details: dict[str, float]) -> str:
     if tried == present:  # of an earlier model that is the present one over again
         return f"the same RMSE, {present:.4g} rad/s"
     return f"RMSE {tried:.4g} against {present:.4g} rad/s"
-
-
-def _count(experiments: int) -> str:
-    return f"{experiments} experiment" + ("s" if experiments != 1 else "")

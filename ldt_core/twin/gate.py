@@ -151,8 +151,7 @@ def best_offer(
         best = earlier[errors.index(known)]
         again = best.again(model.version + 1)
         return Offer(again, f"is version {best.version} again", details)
-    count = f"{len(pool)} experiment" + ("s" if len(pool) != 1 else "")
-    return Offer(learner.fit(pool), f"learned from {count}", details)
+    return Offer(learner.fit(pool), f"learned from {counted(len(pool), 'experiment')}", details)
 
 
 def _rmse(trial: Trial, model: Model) -> float:
