@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ldt_core.base.errors import OptionError, did_you_mean
-from ldt_core.base.experiment import Level, Samples
+from ldt_core.base.experiment import Level, Samples, rms
 from ldt_core.detectors.base import Detector, declared
 
 #: Values remembered so that a river detector can be rebuilt: about 1 MB as JSON.
@@ -20,7 +20,7 @@ SEED = 0
 #: What a river detector is fed with: one value per experiment, or one per sample.
 INPUTS = {
     "max_error": lambda residual, limit: [np.abs(residual).max()],
-    "rmse": lambda residual, limit: [np.sqrt(np.mean(residual**2))],
+    "rmse": lambda residual, limit: [rms(residual)],
     "mean": lambda residual, limit: [np.mean(residual)],
     "error_rate": lambda residual, limit: [np.mean(np.abs(residual) > limit)],
     "residual": lambda residual, limit: residual,

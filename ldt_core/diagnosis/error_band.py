@@ -146,7 +146,7 @@ class ErrorBand:
         for i, channel, rows in self._rows:
             part, seen = rest[rows], self._high[i] > 0
             window = cosine_taper(part.size, TAPER)
-            window /= math.sqrt(float(np.mean(window**2)))
+            window /= rms(window)
             power[channel].append(_periodogram(part * window)[seen])
             parts[channel].append(part)
         r = self.residuals

@@ -21,6 +21,7 @@ import numpy as np
 
 from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError
+from ldt_core.base.experiment import rms
 from ldt_core.estimation.misfit import EXPLAINED
 from ldt_core.estimation.motor_run import MotorRun
 from ldt_core.estimation.noise import correlation_time
@@ -109,7 +110,7 @@ def fit_remainder(
             raise LdtError(f"remainder model: the data determine nothing ({error})") from error
     weights = search.weights
     left = [r.speed - free_run(shape, weights, r)[0] for r in runs]
-    noise = float(np.sqrt(np.mean(np.concatenate(left) ** 2)))
+    noise = rms(np.concatenate(left))
     values, vectors = np.linalg.eigh(search.covariance)
     widest = (vectors * np.sqrt(np.maximum(values, 0.0))).T[-directions:]
     if not (np.isfinite(widest).all() and np.isfinite(noise)):

@@ -24,6 +24,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from ldt_core.base.arrays import Array
+from ldt_core.base.experiment import rms
 from ldt_core.base.settings import resolve
 from ldt_core.detectors import build_detector
 from ldt_core.detectors.base import Detector
@@ -202,7 +203,7 @@ def count_alarms(task: AlarmTask) -> AlarmCount:
 def _delays(task: AlarmTask) -> AlarmCount:
     random = np.random.default_rng([task.seed, round(1000 * task.size)])
     wave = np.sin(2 * np.pi * PERIODS * np.arange(SAMPLES) / SAMPLES)
-    wave *= math.sqrt(task.size) / math.sqrt(float(np.mean(wave**2)))
+    wave *= math.sqrt(task.size) / rms(wave)
     own, cusum = [], []
     for _ in range(CHANGES):
         detector = _fresh()
