@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 from ldt_core.base.errors import ModelError
 from ldt_core.base.experiment import DiagnosisRecord, ModelRecord
-from ldt_core.effects import EFFECTS, get_effect
 from ldt_core.machine.machine_file import Machine
 from ldt_core.physics.base import Effects
 from ldt_core.physics.effect import Effect
@@ -107,8 +106,8 @@ def with_effects(
 
 
 def _with(machine: Machine, amounts: Amounts, source: str) -> MachineEstimate:
-    known = {n: g for n, g in amounts.items() if n in EFFECTS.names()}
-    acting = [get_effect(n).used(g) for n, g in known.items()]
+    known = {n: g for n, g in amounts.items() if n in machine.effect_names}
+    acting = [machine.law(n).used(g) for n, g in known.items()]
     found = with_effects(machine, acting)
     foreign = tuple(n for n in amounts if n not in known)  # a record names no files to run
     return replace(found, source=source, left_out=found.left_out + foreign, foreign=foreign)

@@ -110,6 +110,7 @@ def _text(
         *_entries({"name": machine.name, "physics": machine.physics}),
         "parameters:",
         *(f"{entry:<{COMMENT_COLUMN}}  # {comments[name]}" for name, entry in entries.items()),
+        *_entries({k: v for k, v in stated.items() if k == "own_effects"}),
         *_effects(stated.get("effects", []), comments),
         "limits:",
         f"  voltage: {_flow(list(machine.voltage_limits))}    # V",

@@ -91,7 +91,7 @@ def command(
         model = next(iter(deque(bag.records("model"), 1)), None)
         found = next(iter(deque(bag.records("diagnosis"), 1)), None)
     acting = read_effects(diagnosis, machine) if diagnosis else []
-    acting += [parse_effect(text) for text in given]
+    acting += [parse_effect(text, machine.law) for text in given]
     refuse_repeated(acting)
     if acting:
         model = found = None

@@ -103,7 +103,8 @@ def command(
         from ldt_core.diagnosis.diagnosis import read_diagnosis
         from ldt_core.diagnosis.fitted_along import acting_and_along
 
-        acting, along = acting_and_along(diagnosis, read_diagnosis(diagnosis, machine))
+        found_keys = read_diagnosis(diagnosis, machine)
+        acting, along = acting_and_along(diagnosis, found_keys, machine.own_laws)
         warn_of_nothing(diagnosis, acting)
     check_names(machine.with_effects(acting), free, fixed)
     check_file(out, force)

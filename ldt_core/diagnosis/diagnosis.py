@@ -268,18 +268,20 @@ def read_effects(
 ) -> list[tuple[Effect, dict[str, float]]]:
     """The effects with their parameters from a `diagnosis.json`, by its key `effects`.
 
-    A file's text is never run: an effect of the user's own must be given beside it.
+    A diagnosis names no file to run: an effect of the user's own comes from the machine file or is
+    given beside it.
 
     Args:
         machine: that is to have them; None takes any.
-        own: effects that are not in the library.
+        own: effects that are neither in the library nor among the machine's own.
 
     Raises:
         BadInput: the file cannot be read, is no diagnosis, or one of another machine.
         OptionError: an unknown effect, or a parameter outside its bounds.
     """
     found = read_diagnosis(file, machine)
-    return used_effects(str(file), acting_entries(str(file), found), own)
+    known = [*own, *(machine.own_laws if machine else ())]
+    return used_effects(str(file), acting_entries(str(file), found), known)
 
 
 def used_effects(

@@ -28,7 +28,6 @@ from ldt_core.diagnosis.simulated_experiments import (
     Used,
 )
 from ldt_core.diagnosis.thresholds import THRESHOLDS
-from ldt_core.effects import get_effect
 from ldt_core.estimation.variable_projection import project_out
 from ldt_core.physics.effect import Effect
 
@@ -183,7 +182,7 @@ def own_laws(residuals: FreeRunResiduals) -> float:
         return 0.0
     uses: list[list[Used]] = [[]]
     for effect in map(machine.effect, machine.acting):
-        uses.append([(effect, effect.check(get_effect(effect.name).neutral))])
+        uses.append([(effect, effect.check(machine.law(effect.name).neutral))])
     runs = [Simulated(i, use) for use in uses for i in range(count)]
     speeds = [speed for speed, _ in residuals.simulated(runs, SEARCH_STEP)]
     power = 0.0

@@ -24,8 +24,10 @@ def library(
         OptionError: a name that is not known, or an own effect that this machine cannot have, that
             does not compile, or that has the name of another.
     """
+    own = [effect.name for effect in machine.own_laws]
     for name in without:
-        EFFECTS.require(name)
+        if name not in own:
+            EFFECTS.require(name)
     found = [effect for effect in machine.possible_effects() if effect.name not in without]
     for name in more:
         effect = get_effect(name)
@@ -33,7 +35,7 @@ def library(
         if effect.torque is not None or effect.terminal is not None:
             _ = effect.compiled  # else it would be one that cannot be simulated
         other = next((e for e in found if e.name == effect.name), None)
-        if other is not None and other is not effect:
+        if other is not None and effect.name not in own and other is not effect:
             told = f"an effect with a name of its own, or --without {effect.name}"
             raise OptionError(f"--effect {name}", told, f"one more {effect.name}")
         if other is None:

@@ -121,9 +121,10 @@ class Promising:
 
     def __post_init__(self) -> None:
         more = self.found.get("alternatives")
-        self.best = used_effects(self.file, acting_entries(self.file, self.found), self.own)
+        own = [*self.own, *self.machine.own_laws]
+        self.best = used_effects(self.file, acting_entries(self.file, self.found), own)
         self.others = [
-            used_effects(f"{self.file}, alternatives", listed, self.own)
+            used_effects(f"{self.file}, alternatives", listed, own)
             for listed in (more if isinstance(more, list) else ())
         ]
         gap = self.found.get("gap")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import TYPE_CHECKING
 
 from ldt_core.base.errors import OptionError, did_you_mean, most_alike
@@ -64,7 +64,9 @@ def known_effect(name: object, more: Iterable[str] = ()) -> str:
     """What a file must name an effect as, which names no Python file: for `expected`."""
     close = most_alike(str(name), [*EFFECTS.names(), *more])
     told = f" (did you mean {close!r}?)" if close else ""
-    return f"a name from `ldt effects`{told}; yours is there once installed (ldt docs effect)"
+    file = name if ".py:" in str(name) else "file.py:NAME"
+    own = f"one of yours once the machine file has `own_effects: [{file}]` (ldt docs effect)"
+    return f"a name from `ldt effects`{told}, or {own}"
 
 
 def get_effect(name: str) -> Effect:
@@ -84,8 +86,10 @@ def get_effect(name: str) -> Effect:
     return effect
 
 
-def parse_effect(text: str) -> tuple[Effect, dict[str, float]]:
-    """The effect and all its values from "NAME[:param=value,...]".
+def parse_effect(
+    text: str, law: Callable[[str], Effect] = get_effect
+) -> tuple[Effect, dict[str, float]]:
+    """The effect and all its values from "NAME[:param=value,...]"; `law` finds it by its name.
 
     The bare name means the effect's typical values; with any value given, the others are neutral.
     A value may have its unit behind it, `e=5mm`; without, it is in SI units.
@@ -98,7 +102,7 @@ def parse_effect(text: str) -> tuple[Effect, dict[str, float]]:
     bare = re.split(r"[\s=(]", name.strip(), maxsplit=1)[0]
     if bare != name.strip() and bare in EFFECTS.names():
         raise OptionError("effect", f"NAME:param=value, as in {_example(bare)}", repr(text))
-    effect = get_effect(text[:split] + name.strip())
+    effect = law(text[:split] + name.strip())
     if not colon:
         return effect, effect.check(effect.typical)
     given: dict[str, float] = {}

@@ -125,18 +125,18 @@ def schedule(
     steps = given.get("steps", STEPS)
     if isinstance(steps, bool) or not isinstance(steps, int) or steps < 1:
         raise MachineFileError(f"{where}.steps", "a whole number from 1", repr(steps))
-    effect, parameter = _checked(where, given, begin, last)
+    effect, parameter = _checked(machine, where, given, begin, last)
     return Schedule(kind, effect, parameter, begin, last, steps, experiments, seed)
 
 
-def _checked(where: str, given: Mapping[str, Any], *values: float) -> tuple[str, str]:
+def _checked(
+    machine: Machine, where: str, given: Mapping[str, Any], *values: float
+) -> tuple[str, str]:
     """(effect, parameter) that exist and take these values."""
-    from ldt_core.effects import get_effect
-
     name, parameter = str(given["effect"]), str(given["parameter"])
     for value in values:
         try:
-            get_effect(name).check({parameter: value})
+            machine.law(name).check({parameter: value})
         except OptionError as error:
             raise MachineFileError(f"{where}, {error.where}", error.expected, error.got) from None
     return name, parameter

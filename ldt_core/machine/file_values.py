@@ -94,12 +94,45 @@ def stated_parameters(source: str, physics: Physics, given: Mapping[str, Any]) -
     return found
 
 
+def own_effects(source: str, physics: Physics, given: Any) -> dict[str, Effect]:
+    """The effects of the key `own_effects`, by their names.
+
+    Raises:
+        MachineFileError: no list of file.py:NAME, a file that fails, no effect, one that this
+            machine cannot have or numba not compile, or a name that another effect has.
+    """
+    where = f"{source}, own_effects"
+    if not isinstance(given, list):
+        raise MachineFileError(where, "a list of file.py:NAME", described(given))
+    found: dict[str, Effect] = {}
+    for number, name in enumerate(given, start=1):
+        if not isinstance(name, str) or ".py:" not in name:
+            expected = "file.py:NAME (ldt docs effect)"
+            raise MachineFileError(f"{where}, entry {number}", expected, described(name))
+        try:
+            effect = get_effect(name)
+            effect.require(physics)
+            for term in effect.terms:
+                _ = term.compiled
+        except OptionError as error:
+            raise MachineFileError(f"{where}, {error.where}", error.expected, error.got) from error
+        if effect.name in (*EFFECTS.names(), *found):
+            expected = "a name that no other effect has"
+            raise MachineFileError(f"{where}, {name}", expected, repr(effect.name))
+        found[effect.name] = effect
+    return found
+
+
 def stated_effects(
-    source: str, physics: Physics, values: Mapping[str, float], given: Any
+    source: str,
+    physics: Physics,
+    values: Mapping[str, float],
+    given: Any,
+    own: Mapping[str, Effect],
 ) -> tuple[tuple[Effect, ...], Stated]:
     """The effects of the key `effects`, and what is stated of their parameters.
 
-    A machine file names effects that come with LDT or a package: a file's text is never run.
+    `own` are those of the key `own_effects`.
 
     Raises:
         MachineFileError: no list, an effect that is unknown, listed twice or impossible for this
@@ -116,9 +149,9 @@ def stated_effects(
         section = mapping_of(at, entry)
         check_keys(at, section, ("name", "parameters"), ())
         name = section["name"]
-        if not isinstance(name, str) or name not in EFFECTS.names():
-            raise MachineFileError(f"{at}, name", known_effect(name), repr(name))
-        at, effect = f"{where}, {name}", get_effect(name)
+        if not isinstance(name, str) or name not in (*EFFECTS.names(), *own):
+            raise MachineFileError(f"{at}, name", known_effect(name, own), repr(name))
+        at, effect = f"{where}, {name}", own.get(name) or get_effect(name)
         if name in [e.name for e in effects]:
             raise MachineFileError(at, "one entry an effect", "two")
         parameters = mapping_of(f"{at}, parameters", section["parameters"])

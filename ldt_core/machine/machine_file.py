@@ -33,6 +33,7 @@ from ldt_core.machine.experiment_limits import (
 from ldt_core.machine.file_values import (
     check_keys,
     mapping_of,
+    own_effects,
     real_number,
     stated_effects,
     stated_parameters,
@@ -49,7 +50,7 @@ if TYPE_CHECKING:
 
 LONGEST_NAME = 200  # characters: it stands in every message and sentence
 REQUIRED = ("name", "physics", "parameters", "limits", "experiment")
-OPTIONAL = ("effects", "simulation", "calibration")
+OPTIONAL = ("own_effects", "effects", "simulation", "calibration")
 OTHER_CHANNELS = ("inputs", "outputs")  # of machines that are no driven shaft
 MAX_BYTES = 1_000_000  # a machine file is a page of text; more is a mistake or an attack
 EFFECTS_REMEMBERED = 64  # each keeps its compiled term: more than a library and a file hold
@@ -74,6 +75,8 @@ class Machine:
         calibration: how `ldt calibrate` found the parameters, verbatim; empty when it did not.
         deviations: standard deviation of each parameter that the file states one of, in its unit.
         acting: names of the effects that are known to act, in their order.
+        own_effects: file.py:NAME of effects that are not in the library and that this machine may
+            have, whether they are known to act or not.
         source: the file it came from, for messages.
 
     Raises:
@@ -91,6 +94,7 @@ class Machine:
     calibration: Mapping[str, Any] = field(default_factory=dict)
     deviations: Mapping[str, float] = field(default_factory=dict)
     acting: tuple[str, ...] = ()
+    own_effects: tuple[str, ...] = ()
     source: str = "machine"
 
     @overload
@@ -109,13 +113,14 @@ class Machine:
         calibration: Mapping[str, Any] = ...,
         deviations: Mapping[str, float] = ...,
         acting: tuple[str, ...] = ...,
+        own_effects: tuple[str, ...] = ...,
         source: str = ...,
     ) -> None: ...
     def __init__(self, *file: Any, **fields: Any) -> None:
         if file or not fields:
             fields = vars(_machine_of(*file, **fields))
         optional = {"simulation": {}, "calibration": {}, "source": "machine"}
-        optional |= {"deviations": {}, "acting": ()}
+        optional |= {"deviations": {}, "acting": (), "own_effects": ()}
         known = {f.name for f in dataclasses.fields(self)}
         lacking = known.difference(optional, fields)
         if lacking or not fields.keys() <= known:
@@ -137,13 +142,32 @@ class Machine:
     @property
     def effects(self) -> tuple[tuple[Effect, Mapping[str, float]], ...]:
         """The effects that are known to act, each with all its values."""
-        return tuple((_effect(name).in_detail(own), own) for name, own in self._own_values())
+        return tuple((self.law(name).in_detail(own), own) for name, own in self._own_values())
 
     def _own_values(self) -> Iterator[tuple[str, dict[str, float]]]:
         """Name and values of each effect known to act; they say in which detail its law acts."""
         for name in self.acting:
-            known = {p.name: own_name(name, p.name) for p in _effect(name).all_parameters}
+            known = {p.name: own_name(name, p.name) for p in self.law(name).all_parameters}
             yield name, {n: self.parameters[o] for n, o in known.items() if o in self.parameters}
+
+    @property
+    def effect_names(self) -> list[str]:
+        """Names of the library's effects and of the file's own ones."""
+        return [*EFFECTS.names(), *(effect.name for effect in self.own_laws)]
+
+    @property
+    def own_laws(self) -> list[Effect]:
+        """The effects of `own_effects`."""
+        return [get_effect(name) for name in self.own_effects]
+
+    def law(self, name: str) -> Effect:
+        """An effect by its name, as it is defined: of the library, or one of the file's own.
+
+        Raises:
+            OptionError: nothing of that name.
+        """
+        own = next((effect for effect in self.own_laws if effect.name == name), None)
+        return own or _effect(name)
 
     def effect(self, name: str) -> Effect:
         """An effect as a change of this machine: of a known one, what is known is neutral.
@@ -151,17 +175,18 @@ class Machine:
         Raises:
             OptionError: nothing of that name.
         """
+        law = self.law(name)
         known = next((given for effect, given in self.effects if effect.name == name), None)
-        return _effect(name) if known is None else _about(name, tuple(known.items()))
+        return law if known is None else _about(law, tuple(known.items()))
 
     def possible_effects(self) -> list[Effect]:
-        """The effects of the library that this machine can have, as changes of it.
+        """The effects of the library, and its own, that it can have, as changes of it.
 
         Raises:
             OptionError: an installed one that cannot be loaded.
         """
         found = []
-        for effect in map(self.effect, EFFECTS.names()):
+        for effect in map(self.effect, self.effect_names):
             with contextlib.suppress(OptionError):
                 effect.require(self.model)
                 found.append(effect)
@@ -234,6 +259,7 @@ class Machine:
             "name": self.name,
             "physics": self.physics,
             "parameters": stated,
+            **({"own_effects": list(self.own_effects)} if self.own_effects else {}),
             **({"effects": effects} if effects else {}),
             "limits": {"voltage": list(self.voltage_limits)},
             "experiment": {"duration": self.duration, "sample_period": self.sample_period},
@@ -251,8 +277,8 @@ def _effect(name: str) -> Effect:
 
 
 @functools.lru_cache(maxsize=EFFECTS_REMEMBERED)
-def _about(name: str, known: tuple[tuple[str, float], ...]) -> Effect:
-    return _effect(name).in_detail(dict(known)).about(dict(known))
+def _about(effect: Effect, known: tuple[tuple[str, float], ...]) -> Effect:
+    return effect.in_detail(dict(known)).about(dict(known))
 
 
 def _machine_of(given: object) -> Machine:
@@ -339,13 +365,16 @@ def machine_from_dict(data: Any, source: str) -> Machine:
     voltage = _limits(f"{source}, limits.voltage", limits["voltage"])
     refuse_faulty(source, top["physics"], physics, stated.values, max(map(abs, voltage)))
     refuse_too_fast(source, physics, stated.values)
-    effects, beside = stated_effects(source, physics, stated.values, top.get("effects", []))
+    own = own_effects(source, physics, top.get("own_effects", []))
+    listed = top.get("effects", [])
+    effects, beside = stated_effects(source, physics, stated.values, listed, own)
     return Machine(
         name=name,
         physics=top["physics"],
         parameters={**stated.values, **beside.values},
         deviations={**stated.deviations, **beside.deviations},
         acting=tuple(effect.name for effect in effects),
+        own_effects=tuple(top.get("own_effects", [])),
         voltage_limits=voltage,
         duration=duration,
         sample_period=period,

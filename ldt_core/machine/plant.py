@@ -29,7 +29,7 @@ from ldt_core.base.errors import MachineFileError, did_you_mean
 from ldt_core.base.experiment import Experiment
 from ldt_core.base.own_process import undivided
 from ldt_core.base.settings import FROM_FILE
-from ldt_core.effects import get_effect, parse_effect, refuse_repeated
+from ldt_core.effects import parse_effect, refuse_repeated
 from ldt_core.machine.degradation import schedule
 from ldt_core.machine.excitation import Excitation, Given, excitation
 from ldt_core.machine.file_values import check_keys, real_number
@@ -123,7 +123,7 @@ class Plant:
             machine,
             experiments=settings["experiments"],
             seed=settings["seed"],
-            effects=[*map(parse_effect, settings["effect"]), *effects],
+            effects=[*(parse_effect(text, machine.law) for text in settings["effect"]), *effects],
             degradation=settings["degradation"],
             degradation_to=None if to == FROM_FILE else to,
             noise=None if noise == FROM_FILE else noise,
@@ -141,7 +141,7 @@ class Plant:
         used = [(e, {**p, **worn} if e.name == name else p) for e, p in self.effects]
         if any(effect.name == name for effect, _ in used):
             return used
-        effect = get_effect(name)
+        effect = self.machine.law(name)
         known: Mapping[str, float] = {}
         for other, given in self.machine.effects:
             known = given if other.name == name else known

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Self
@@ -12,7 +11,6 @@ import numpy as np
 from ldt_core.base.errors import LdtError, OptionError
 from ldt_core.base.experiment import DiagnosisRecord, Experiment, Prediction, Samples
 from ldt_core.base.sentences import spoken
-from ldt_core.effects import EFFECTS, get_effect
 from ldt_core.effects.change_description import change_of
 from ldt_core.estimation.effect.cause import Cause, UncertainStart
 from ldt_core.estimation.effect.global_search import EffectSearch
@@ -36,8 +34,6 @@ SIGNS = np.array(
 LEAST_SAMPLES = 20  # of an experiment: a free run of fewer says nothing about a machine
 NOISE_CONTRADICTED = 4.0  # deviations between a new noise and the old one: more than chance
 LEAST_WEIGHT = 0.02  # probability of a hypothesis about the start angle, for its runs to be made
-
-_cached_effect = functools.lru_cache(maxsize=32)(get_effect)
 
 
 class DiagnosedModel(Model):
@@ -107,8 +103,7 @@ class DiagnosedModel(Model):
         cause = self.options["cause"]
         if name == _name(cause) and not isinstance(cause, str):
             return cause
-        known = name in self.machine.acting
-        return self.machine.effect(name) if known else _cached_effect(name)
+        return self.machine.effect(name)
 
     @property
     def asks_for_diagnosis(self) -> bool:
@@ -143,7 +138,7 @@ class DiagnosedModel(Model):
         self.seen: list[FoundAngle] = []
         if name is None and self.asks_for_diagnosis and record["noise_std"] is None:
             return
-        if name != _name(self.options["cause"]) and name not in EFFECTS.names():
+        if name != _name(self.options["cause"]) and name not in self.machine.effect_names:
             raise ValueError(f"effect {name!r}, which is not known")  # a record names no files
         self.effect = self._own_effect(name)
         self.effect.require(self.machine.model)
@@ -304,12 +299,12 @@ def _name(cause: str | Effect) -> str:
 
 
 def _require(machine: Machine, cause: str | Effect) -> None:
-    name, effect = _name(cause), _cached_effect(cause) if isinstance(cause, str) else cause
+    name, effect = _name(cause), machine.law(cause) if isinstance(cause, str) else cause
     try:
         effect.require(machine.model)
     except OptionError as error:
         known = {p.name for p in machine.model.parameters}
-        able = [n for n in EFFECTS.names() if known.issuperset(_cached_effect(n).needs)]
+        able = [n for n in machine.effect_names if known.issuperset(machine.law(n).needs)]
         expected = "auto, to search for it, or an effect that machine "
         expected += f"{machine.name!r} can have: one of {', '.join(able)}"
         raise OptionError("cause", expected, f"{name!r}, which needs {error.expected}") from None

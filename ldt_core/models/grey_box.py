@@ -13,7 +13,6 @@ from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment, Prediction, rms
 from ldt_core.base.pausable import Pausable, finished
-from ldt_core.effects import EFFECTS
 from ldt_core.estimation.amount_interval import intervals_of
 from ldt_core.estimation.effect.start_angle import FoundAngle, believe, together
 from ldt_core.estimation.fitted_structure import FittedStructure
@@ -91,7 +90,7 @@ class GreyBoxModel(Model):
     def build(self) -> None:
         """Check the parameters."""
         given = self.parameters["effects"]
-        unknown = [n for n in given if n not in EFFECTS.names()]
+        unknown = [n for n in given if n not in self.machine.effect_names]
         if unknown:
             raise ValueError(f"effect {unknown[0]!r}, which is not known")
         self.effects = tuple(

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 from ldt_core.base.errors import ArgumentTypeError, OptionError, described
 from ldt_core.base.experiment import Experiment
 from ldt_core.base.settings import FROM_FILE, resolve
-from ldt_core.effects import get_effect, parse_effect
+from ldt_core.effects import parse_effect
 from ldt_core.machine import Plant
 from ldt_core.machine.machine_file import Machine
 from ldt_core.machine.plant import EffectUse
@@ -51,33 +51,33 @@ def simulate(
     given = {"start_time": 0.0, "degradation": "none", **settings}
     given |= {"experiments": experiments, "seed": seed, "noise": noise}
     resolved = resolve(given, "plant", "run")
-    plant = Plant.from_settings(known, resolved, effect_uses(effects))
+    plant = Plant.from_settings(known, resolved, effect_uses(effects, known.law))
     return [plant.experiment(number) for number in range(1, resolved["experiments"] + 1)]
 
 
-def effect_uses(effects: Effects) -> list[EffectUse]:
-    """Each effect with all its values.
+def effect_uses(effects: Effects, law: Callable[[str], Effect]) -> list[EffectUse]:
+    """Each effect with all its values; `law` finds one by its name.
 
     Raises:
         OptionError: an unknown effect or parameter, or a value outside its bounds.
         ArgumentTypeError: something that is no effect.
     """
     if isinstance(effects, str | Effect):
-        return [_use(effects, None)]
+        return [_use(effects, None, law)]
     if isinstance(effects, Mapping):
-        return [_use(effect, values) for effect, values in effects.items()]
+        return [_use(effect, values, law) for effect, values in effects.items()]
     if isinstance(effects, Iterable):
-        return [_use(effect, None) for effect in effects]
+        return [_use(effect, None, law) for effect in effects]
     expected = 'effects with their parameters, {"unbalance": {"e": 0.005}}'
     raise ArgumentTypeError("effects", expected, described(effects))
 
 
-def _use(given: object, values: object) -> EffectUse:
+def _use(given: object, values: object, law: Callable[[str], Effect]) -> EffectUse:
     if not isinstance(given, str | Effect):
         raise ArgumentTypeError("effects", "names or ldt.Effect objects", described(given))
     if isinstance(given, str) and values is None:
-        return parse_effect(given)
-    effect = get_effect(given) if isinstance(given, str) else given
+        return parse_effect(given, law)
+    effect = law(given) if isinstance(given, str) else given
     if values is None:
         return effect, effect.check(effect.typical)
     where = f"effect {effect.name}"

@@ -34,6 +34,8 @@ MACHINE = "machine"  # name of a key's digest of the machine, and of the paramet
 CONTENT = "machine file"  # name of what the machine's digest is of, to name what differs
 LDT, CODE = "ldt", "code"  # of `code_version`
 OWN_FILE = "file "  # how a key's names of those begin
+#: Parameters that may name a user's own part, as file.py:NAME.
+PARTS = ("model", "detector", "cause", "effect")
 SHOWN = 3  # numbers of a machine file that a sentence names
 #: Folder of a fleet's first recording.
 FIRST_MACHINE = "machine_1"
@@ -58,7 +60,8 @@ def _digest(machine: Machine) -> str:
 def own_files(machine: Machine, settings: Mapping[str, Any]) -> dict[str, str]:
     """Files of the user's own parts, with a digest of what is in them now ("none" of none)."""
     found = {}
-    for value in [machine.physics, *settings.values()]:
+    named = [settings[name] for name in PARTS if name in settings]
+    for value in [machine.physics, machine.own_effects, *named]:
         for text in value if isinstance(value, list | tuple) else [value]:
             name, is_file, _ = text.partition(".py:") if isinstance(text, str) else ("", "", "")
             if is_file:

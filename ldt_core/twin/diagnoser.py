@@ -28,7 +28,6 @@ from ldt_core.base.threads import one_thread
 from ldt_core.diagnosis.diagnose import diagnose
 from ldt_core.diagnosis.diagnosis import Diagnosis
 from ldt_core.diagnosis.holdout import free_run
-from ldt_core.effects import EFFECTS, get_effect
 from ldt_core.machine.experiment_limits import too_long_to_learn
 from ldt_core.machine.machine_file import Machine
 from ldt_core.machine.speed_jumps import median_step
@@ -204,7 +203,7 @@ class Diagnoser:
         asked, self.asked = self.asked, None
         assert asked is not None
         found, self._last = step.diagnosis, None
-        known = _known(found, math.nan) if found is not None else None
+        known = _known(self.machine, found, math.nan) if found is not None else None
         if known is not None:
             error = self._error(asked.experiment, known.use)
             self._last, self._last_at = replace(known, error=error), step.experiment.number
@@ -232,7 +231,7 @@ class Diagnoser:
         known = None
         if last is not None:
             error = math.nan if last["error"] is None else float(last["error"])
-            known = _known(archive.diagnosis(last["experiment"]), error)
+            known = _known(self.machine, archive.diagnosis(last["experiment"]), error)
             self._last_at = last["experiment"]
         self._recent.clear()
         self._recent.extend(recent)
@@ -297,7 +296,7 @@ class Diagnoser:
 
     def _diagnosed(self, pool: Sequence[Experiment]) -> Found:
         diagnosis = self.make(self.machine, pool, workers=1, tick=self._tick)
-        use = [(get_effect(e["effect"]), e["parameters"]) for e in diagnosis.effects]
+        use = [(self.machine.law(e["effect"]), e["parameters"]) for e in diagnosis.effects]
         unknown = diagnosis.verdict.kind == "unknown"
         return Found(diagnosis, Known(use, self._error(pool[-1], use), unknown), pool)
 
@@ -333,11 +332,14 @@ def _numbers(recent: Iterable[tuple[Experiment, Level]]) -> list[list[float]]:
     return [[e.number, e.start, int(level)] for e, level in recent]
 
 
-def _known(found: DiagnosisRecord, error: float) -> Known | None:
-    """What a recorded diagnosis says; None where it names effects of a file, which is not run."""
-    if not found.amounts.keys() <= set(EFFECTS.names()):
+def _known(machine: Machine, found: DiagnosisRecord, error: float) -> Known | None:
+    """What a recorded diagnosis says; None where it names effects that the machine file does not.
+
+    What was recorded names no file to run.
+    """
+    if not found.amounts.keys() <= set(machine.effect_names):
         return None
-    use = [(get_effect(name), given) for name, given in found.amounts.items()]
+    use = [(machine.law(name), given) for name, given in found.amounts.items()]
     return Known(use, error, found.kind == "unknown")
 
 

@@ -409,7 +409,7 @@ def test_predict_takes_an_effect_of_ones_own_only_when_it_is_given(own, tmp_path
     code = invoke(
         predict.command, [case.bag, "--out", str(tmp_path / "no"), "--with", str(diagnosis)]
     )
-    sentence(code, capfd, "yours is there once installed (ldt docs effect), got 'cubic_drag'")
+    sentence(code, capfd, "`own_effects: [file.py:NAME]` (ldt docs effect), got 'cubic_drag'")
     after = held_out_rmse(case, tmp_path, "--with", diagnosis, "--effect", name)
     assert after == pytest.approx(case.found["gap"]["after"]["rmse"], rel=1e-9)
 

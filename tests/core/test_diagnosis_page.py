@@ -468,13 +468,13 @@ def test_a_unit_that_explains_the_gap_is_mended_before_anything_is_added():
     assert command.startswith("ldt import TABLE --speed NAME:UNIT")
 
 
-def test_an_effect_of_a_file_is_installed_before_it_is_added():
-    """`ldt calibrate --with` cannot add it to a machine file, which names no Python file."""
+def test_a_machine_file_lists_an_effect_of_a_file_before_it_is_added():
+    """A diagnosis names no Python file, so `ldt calibrate --with` cannot find it."""
     found = fake_diagnosis("effect")
     named = replace(found, verdict=replace(found.verdict, effects=["cubic_drag"]))
     assert next_step(found, Path("diagnosis.json"))[0] == "add what was found to the machine file"
     words, command = next_step(named, Path("diagnosis.json"))
-    assert words.startswith("install cubic_drag (ldt docs effect) and add")
+    assert words.startswith("write `own_effects: [FILE.py:NAME]` of cubic_drag into")
     assert "--with diagnosis.json" in command
 
 

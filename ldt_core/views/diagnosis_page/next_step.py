@@ -5,11 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import msgs_config
+from ldt_core.base.errors import LdtError
 from ldt_core.base.printable import as_argument
 from ldt_core.base.sentences import listed
 from ldt_core.diagnosis.diagnosis import Diagnosis
 from ldt_core.diagnosis.recorded_units import FITS
 from ldt_core.effects import EFFECTS
+from ldt_core.machine.machine_file import load_machine
 from ldt_core.views.diagnosis_page.headline import no_effect_needed
 
 
@@ -29,8 +31,10 @@ def next_step(diagnosis: Diagnosis, kept: Path) -> tuple[str, str]:
         return "unless the speed's unit and sign are right, import again", again
     if diagnosis.verdict.kind == "ambiguous" and diagnosis.next_experiment is None:
         return "as no experiment tells them apart, add the first of them to the file", fitted
-    own = [name for name in diagnosis.verdict.effects if name not in EFFECTS.names()]
-    first = f"install {listed(own)} (ldt docs effect) and " if own else ""
+    known = _known(diagnosis)
+    own = [name for name in diagnosis.verdict.effects if name not in known]
+    file = "`own_effects: [FILE.py:NAME]`"
+    first = f"write {file} of {listed(own)} into {machine} and " if own else ""
     return {
         "effect": (f"{first}add what was found to the machine file", fitted),
         "unknown": (
@@ -48,6 +52,14 @@ def next_step(diagnosis: Diagnosis, kept: Path) -> tuple[str, str]:
         if no_effect_needed(diagnosis)
         else ("let the twin watch for changes", play),
     }.get(diagnosis.verdict.kind, ("", ""))
+
+
+def _known(diagnosis: Diagnosis) -> list[str]:
+    """The effects that the machine file may name as it is now."""
+    try:
+        return load_machine(diagnosis.machine_file).effect_names
+    except LdtError:
+        return EFFECTS.names()
 
 
 def machine_argument(diagnosis: Diagnosis) -> str:
