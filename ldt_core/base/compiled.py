@@ -85,7 +85,7 @@ def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     return compiled
 
 
-def cfunc(signature: Any, function: Callable[..., Any]) -> Any:
+def cfunc(signature: Any, function: Callable[..., Any], cached: bool = True) -> Any:
     """As `numba.cfunc(signature, error_model="numpy")(function)`, from a cache where it can be.
 
     A division by zero gives inf, which the integrator reports.
@@ -94,7 +94,7 @@ def cfunc(signature: Any, function: Callable[..., Any]) -> Any:
         NumbaError, TypeError: numba cannot compile it.
     """
     # What is cached is found again by its module's name, which a user's file, given by path, lacks.
-    if getattr(function, "__module__", None) in sys.modules:
+    if cached and getattr(function, "__module__", None) in sys.modules:
         with contextlib.suppress(RuntimeError):  # typed at a prompt, it comes from no file
             return _cached_cfunc(signature, function)
     return numba.cfunc(signature, error_model="numpy")(function)

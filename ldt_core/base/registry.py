@@ -59,6 +59,9 @@ class Registry:
         Raises:
             OptionError: nothing of that name.
         """
+        if name.endswith(".py"):
+            expected = f"{name}:NAME, with the name that it has in the file"
+            raise OptionError(self.what, expected, repr(name))
         if name not in self.names() and ".py:" not in name:
             raise OptionError(self.what, did_you_mean(name, self.names()), repr(name))
 
@@ -115,6 +118,9 @@ def _module(path: str, _place: str, _text: bytes) -> ModuleType:
         # behind all that is installed.
         with contextlib.chdir("."), _also_in(folder):
             spec.loader.exec_module(module)
+    except OptionError as error:  # of an effect or a parameter that is made there
+        where = f"{path}{line_in(path, error)}, {error.where}"
+        raise OptionError(where, error.expected, error.got) from error
     except FAULTS as error:  # whatever the user's file does
         expected = "a Python file that can be imported"
         raise OptionError(path, expected, reason_of(error) + line_in(path, error)) from error

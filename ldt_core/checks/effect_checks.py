@@ -33,6 +33,9 @@ DURATION = 6.0  # s, of a trial run
 SIDE_BY_SIDE_TOLERANCE = 1e-6  # rad/s, between a run beside others and alone: rounding
 FAR_OFF = 30  # between a typical value and the scale; a search tries a tenth to 70 scales
 BEYOND = 8  # numbers behind the parameters that a term must not read
+# No machine turns so many times as fast for what it has in addition; a wrong sign drives it so.
+RUNAWAY = 100.0
+LOOK = "look for a wrong sign, unit or size"
 # (t [s], theta [rad], omega [rad/s], current [A], voltage [V]) at which a term is called by itself.
 PLACES = ((0.0, 0.0, 0.0, 0.0, 0.0), (1.5, 2.0, 30.0, 3.0, 10.0), (0.5, -4.0, -9.0, -2.0, -6.0))
 
@@ -70,14 +73,19 @@ def check_effect(effect: Effect, machines: list[Machine] | None = None) -> list[
         for term in effect.terms:
             _check_reading(term, machine)
         plain = _speed(machine)
-        neutral = np.abs(_speed(machine, effect, effect.neutral) - plain).max()
+        neutral = np.abs(_finite_speed(effect, machine, effect.neutral, "neutral") - plain).max()
         assert neutral <= NEUTRAL_TOLERANCE, (
             f"{where}: the neutral values change the speed by {neutral:.3g} rad/s"
         )
         typical = effect.check(effect.typical)
-        first, again = _speed(machine, effect, typical), _speed(machine, effect, typical)
+        first = _finite_speed(effect, machine, typical, "typical")
+        again = _speed(machine, effect, typical)
         assert np.array_equal(first, again), f"{where}: two runs differ"
-        assert np.isfinite(first).all(), f"{where}: speeds that are not finite"
+        fast, usual = float(np.abs(first).max()), float(np.abs(plain).max())
+        assert fast <= RUNAWAY * usual, (
+            f"{where}: its typical values drive the speed to {fast:.3g} rad/s, without it the "
+            f"machine reaches {usual:.3g}: {LOOK}"
+        )
         largest = max(largest, float(np.abs(first - plain).max()))
         if effect.terms:
             furthest = max(furthest, _check_step(effect, machine, first))
@@ -214,6 +222,18 @@ def _check_extremes(effect: Effect, machine: Machine) -> None:
                 f"{effect.name} on {machine.name}: {parameter.name} = {value:g} gives speeds that "
                 "are not finite"
             )
+
+
+def _finite_speed(effect: Effect, machine: Machine, given: Values, which: str) -> np.ndarray:
+    where = f"{effect.name} on {machine.name}"
+    try:
+        speed = _speed(machine, effect, given)
+    except LdtError as error:
+        if error.__cause__ is not None or isinstance(error, BadInput):  # its function fails
+            raise
+        raise AssertionError(f"{where}, with its {which} values: {error}: {LOOK}") from error
+    assert np.isfinite(speed).all(), f"{where}: its {which} values give speeds that are not finite"
+    return speed
 
 
 def _speed(

@@ -164,9 +164,9 @@ def stated_effects(
         for p in effect.parameters:
             value = parameters.get(p.name, p.default)
             _state(found, f"{at}, parameters", p, own_name(effect.name, p.name), value)
-        own = {n: found.values[own_name(effect.name, n)] for n in known}
+        stated = {n: found.values[own_name(effect.name, n)] for n in known}
         try:
-            changed = effect.change_parameters(physics, changed, own)
+            changed = effect.change_parameters(physics, changed, stated)
         except OptionError as error:
             raise MachineFileError(at, error.expected, error.got) from None
         effects.append(effect)

@@ -38,8 +38,10 @@ from ldt_core.base.errors import (
     did_you_mean,
     reason_of,
 )
+from ldt_core.base.sentences import listed
 from ldt_core.physics.parameter import LARGEST, SMALLEST, Parameter, Values, own_name
-from ldt_core.physics.terms import ARGUMENTS, Terms, code_of, compile_term
+from ldt_core.physics.term_helpers import code_of
+from ldt_core.physics.terms import ARGUMENTS, Terms, compile_term
 
 
 class HasParameters(Protocol):
@@ -126,6 +128,16 @@ class Effect:
 
     def __post_init__(self) -> None:
         where = f"effect {self.name}"
+        if not isinstance(self.name, str) or not self.name.isidentifier():
+            expected = "letters, digits and _, as in cubic_drag"  # ":", "." and "," end a name
+            raise OptionError("effect, name", expected, repr(self.name))
+        given = self.parameters if isinstance(self.parameters, list | tuple) else (None,)
+        if not all(isinstance(p, Parameter) for p in given):
+            expected = "a tuple of Parameter objects, as in (Parameter(...),)"
+            raise OptionError(f"{where}, parameters", expected, described(self.parameters))
+        names = [p.name for p in self.parameters]
+        if len({*names}) < len(names):
+            raise OptionError(f"{where}, parameters", "a name each", listed(names))
         stages = [s for s in STAGES if getattr(self, s) is not None]
         one = [s for s in stages if not (self.states and s == "on_parameters")]
         both = one == ["torque", "terminal"] and not self.states
@@ -224,7 +236,8 @@ class Effect:
             values = {n: v for n, v in values.items() if n not in self._own_names}
         if self.on_parameters is None:
             return values
-        changed = self._asked(self.on_parameters, values, **given)
+        # A copy: a function that writes into it would change the machine, a bit more at each run.
+        changed = self._asked(self.on_parameters, {**values}, **given)
         for parameter in physics.parameters:
             if parameter.name not in values:
                 continue

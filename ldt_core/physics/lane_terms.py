@@ -19,7 +19,7 @@ from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from ldt_core.base.arrays import Array
-from ldt_core.base.compiled import cfunc, njit
+from ldt_core.base.compiled import njit
 from ldt_core.physics.lanes import (
     BYTES_OF_LANES,
     LANES,
@@ -32,6 +32,7 @@ from ldt_core.physics.lanes import (
     where_less,
     with_lane,
 )
+from ldt_core.physics.term_helpers import called_by, code_of, compiled_with_helpers
 from ldt_core.physics.terms import BYTES, _call, _call_with_states
 
 _POINTER = types.CPointer(LANES)
@@ -69,15 +70,16 @@ def compile_for_lanes(function: Callable[..., Any], stateful: bool) -> Any:
         return None
     signature = TERM_WITH_STATES if stateful else TERM
     try:
-        return cfunc(signature, function)
+        return compiled_with_helpers(signature, function)
     except (NumbaError, TypeError, NotImplementedError):
         return None
 
 
 def _decides(function: Callable[..., Any]) -> bool:
-    """Whether its bytecode has a conditional jump, which lanes could take only together."""
-    code = getattr(getattr(function, "py_func", function), "__code__", None)
-    names = () if code is None else (i.opname for i in dis.get_instructions(code))
+    """Whether it, or what it calls, has a conditional jump, which lanes take only together."""
+    all_of_it: list[Callable[..., Any]] = [function, *called_by(function)]
+    codes = (code for f in all_of_it if (code := code_of(f)) is not None)
+    names = (i.opname for code in codes for i in dis.get_instructions(code))
     return any("JUMP" in name and "IF" in name for name in names)
 
 

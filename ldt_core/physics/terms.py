@@ -17,7 +17,6 @@ import dis
 import math
 import re
 from collections.abc import Callable
-from types import CodeType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -28,8 +27,9 @@ from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from ldt_core.base.arrays import Array
-from ldt_core.base.compiled import cfunc, njit
+from ldt_core.base.compiled import njit
 from ldt_core.base.errors import OptionError
+from ldt_core.physics.term_helpers import called_by, code_of, compiled_with_helpers
 
 _F, _POINTER = types.float64, types.CPointer(types.float64)
 TERM = _F(_F, _F, _F, _F, _F, _POINTER)
@@ -72,32 +72,31 @@ def compile_term(where: str, function: Callable[..., float], stateful: bool) -> 
         given = code.co_varnames[: code.co_argcount]
         if len(given) != len(arguments):
             raise OptionError(where, form, f"{code.co_name}({', '.join(given)})")
-        # Machine code called by its address has nobody to raise to: it goes on with a torque of 0,
-        # and what it prints may wait for a lock for ever.
-        if (told := _speaking(code)) is not None:
+    # Machine code called by its address has nobody to raise to: it goes on with a torque of 0, and
+    # what it prints may wait for a lock for ever.
+    all_of_it: list[Callable[..., float]] = [function, *called_by(function)]
+    for called in all_of_it:
+        if (told := _speaking(called)) is not None:
             raise OptionError(where, f"{form} without raise, assert and print", told)
     signature = TERM_WITH_STATES if stateful else TERM
     try:
-        return cfunc(signature, function)
+        return compiled_with_helpers(signature, function)
     except (NumbaError, TypeError) as error:
         expected = f"a function that numba compiles, {form} with p[0] for the first parameter"
         raise OptionError(where, expected, _told_by_numba(str(error))) from error
 
 
-def code_of(function: Callable[..., float]) -> CodeType | None:
-    """The bytecode of a term, compiled by numba or not; None of what is no Python function."""
-    found: CodeType | None = getattr(getattr(function, "py_func", function), "__code__", None)
-    return found
-
-
-def _speaking(code: CodeType) -> str | None:
-    """What in a term raises or prints, with its line."""
+def _speaking(function: Callable[..., Any]) -> str | None:
+    """What in a term, or in a function that it calls, raises or prints, with its line."""
+    code = code_of(function)
+    if code is None:
+        return None
     for instruction in dis.get_instructions(code):
         line = instruction.positions.lineno if instruction.positions else None
         if instruction.opname == "RAISE_VARARGS":
-            return f"one that raises (line {line})"
+            return f"{code.co_name}, which raises (line {line})"
         if instruction.opname == "LOAD_GLOBAL" and instruction.argval == "print":
-            return f"one that prints (line {line})"
+            return f"{code.co_name}, which prints (line {line})"
     return None
 
 

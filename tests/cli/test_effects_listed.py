@@ -8,7 +8,7 @@ import pytest
 
 from ldt_core.cli import invoke
 from ldt_core.cli.effects import command
-from ldt_core.effects import EFFECTS
+from ldt_core.effects import EFFECTS, get_effect
 from ldt_core.machine.machine_file import load_machine
 
 HEAD = """
@@ -112,7 +112,7 @@ def test_an_effect_that_keeps_its_promises_is_told_so(mine, capsys):
             "MINE = effect(torque=lambda t, a, w, i, u, p: p['c'] * w)",
             "found for signature: getitem(float64*, Literal[str](c)) (line ",
         ),
-        ("MINE = effect(torque=lambda t, a, w, i, u, p: print(w) or -p[0])", "one that prints"),
+        ("MINE = effect(torque=lambda t, a, w, i, u, p: print(w) or -p[0])", "which prints"),
         ("MINE = effect(equation='', torque=lambda t, a, w, i, u, p: -p[0])", "no equation"),
         ("MINE = effect(typical={}, torque=lambda t, a, w, i, u, p: -p[0])", "typical values"),
         ("MINE = effect()", "one function among"),
@@ -120,6 +120,17 @@ def test_an_effect_that_keeps_its_promises_is_told_so(mine, capsys):
         (
             "C = (Parameter('c', '', scale=-1.0),)",
             "parameter c, scale: expected a size, at least 0",
+        ),
+        ("MINE = effect(name='my fan', on_voltage=max)", "letters, digits and _, as in cubic_drag"),
+        ("MINE = effect(parameters=Parameter('c', ''), on_voltage=max)", "a tuple of Parameter"),
+        ("MINE = effect(parameters=2 * C, on_voltage=max)", "a name each, got c and c"),
+        (
+            "MINE = effect(torque=lambda t, a, w, i, u, p: 10 * p[0] * w)",
+            "look for a wrong sign, unit or size",
+        ),
+        (
+            "MINE = effect(on_measurement=lambda w, dt, c: w * math.nan)",
+            "its neutral values give speeds that are not finite",
         ),
         ("MINE = 3", "an object of class Effect"),
         ("YOURS = 3", "'MINE'"),
@@ -140,7 +151,40 @@ def test_an_effect_that_raises_is_refused(mine, capsys, body):
     """Machine code has nobody to raise to: it went on with a torque of 0, and passed the check."""
     text = f"def torque(t, a, w, i, u, p):\n    if w > 5:\n        {body}\n    return -p[0] * w\n"
     assert invoke(command, [mine(text + "MINE = effect(torque=torque)")]) == 2
-    assert "without raise, assert and print, got one that raises (line " in capsys.readouterr().err
+    said = "without raise, assert and print, got torque, which raises (line "
+    assert said in capsys.readouterr().err
+
+
+def test_what_an_effect_calls_is_compiled_and_looked_at_too(mine, capsys):
+    """A plain helper was "an untyped global name"; one that raised was a torque of 0."""
+    text = (
+        "def slope(w):\n    return w / 0.5\n\n\n"
+        "def sign(w):\n    {}\n    return math.tanh(slope(w))\n\n\n"
+        "MINE = effect(torque=lambda t, a, w, i, u, p: -p[0] * sign(w))"
+    )
+    assert invoke(command, [mine(text.format("pass"))]) == 0
+    capsys.readouterr()
+    assert invoke(command, [mine(text.format("assert w < 50"))]) == 2
+    assert "got sign, which raises (line " in capsys.readouterr().err
+
+
+def test_an_effect_that_writes_into_the_machine_s_parameters_changes_no_machine(mine):
+    """They were changed a bit more by each run of a diagnosis."""
+    text = (
+        "def heavier(values, c):\n    values['J'] *= 1 + c\n    return values\n\n\n"
+        "MINE = effect(on_parameters=heavier)"
+    )
+    effect, motor = get_effect(mine(text)), load_machine("dc_motor")
+    before = dict(motor.parameters)
+    effect.change_parameters(motor.model, motor.parameters, {"c": 0.1})
+    assert motor.parameters == before
+
+
+def test_a_file_without_the_effect_s_name_is_told_what_lacks(mine, capsys):
+    """It was answered by the names of all effects of the library."""
+    mine("MINE = effect(on_voltage=max)")
+    assert invoke(command, ["mine.py"]) == 2
+    assert "expected mine.py:NAME" in capsys.readouterr().err
 
 
 def test_an_effect_that_needs_a_parameter_of_an_own_physics_is_checked_on_its_machine(

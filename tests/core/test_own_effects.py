@@ -1,6 +1,9 @@
 """Effects of the user's own in a machine file: read, tried, written again, and told where wrong."""
 
+import os
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -95,9 +98,10 @@ def test_an_own_effect_of_the_machine_file_is_tried_calibrated_and_known():
 
 def test_an_own_effect_that_acts_is_written_as_it_was_read():
     """By its own name, beside the file that it is from."""
-    keys = {"effects": [{"name": "threshold_fan", "parameters": TRUE}]}
+    drag = {"name": "quadratic_drag", "parameters": {"c": 1e-6}}
+    keys = {"effects": [drag, {"name": "threshold_fan", "parameters": TRUE}]}
     machine = conveyor(**keys)
-    assert machine.effects[0][1] == TRUE
+    assert machine.effects[1][1] == TRUE
     assert {**machine.as_dict()} == {**MOTOR, "own_effects": ["mine.py:FAN"], **keys}
     assert Machine(yaml.safe_load(yaml.safe_dump(machine.as_dict()))).as_dict() == machine.as_dict()
 
@@ -156,3 +160,30 @@ def test_a_file_in_the_place_of_a_name_is_told_where_it_belongs():
     """`effects` names effects, `own_effects` their files."""
     with pytest.raises(MachineFileError, match=re.escape("`own_effects: [mine.py:FAN]`")):
         Machine({**MOTOR, "effects": [{"name": "mine.py:FAN", "parameters": TRUE}]})
+
+
+def test_an_installed_effect_whose_helper_s_file_changes_is_compiled_anew(folder):
+    """numba's cache looks at the file of the function alone: the old helper went on acting."""
+    Path("drags.py").write_text(
+        "from slopes import slope\n\n\ndef torque(t, a, w, i, u, p):\n    return -p[0] * slope(w)\n"
+    )
+    ask = (
+        "import ctypes, drags, numpy as np\n"
+        "from ldt_core.physics.terms import compile_term\n"
+        "term, one = compile_term('drag', drags.torque, False), np.array([1.0])\n"
+        "kind = ctypes.CFUNCTYPE(ctypes.c_double, *5 * [ctypes.c_double], ctypes.c_void_p)\n"
+        "print(kind(term.address)(0, 0, 1, 0, 0, one.ctypes.data))\n"
+    )
+    told = []
+    for factor in ("2.0", "3.0"):
+        Path("slopes.py").write_text(f"def slope(w):\n    return {factor} * w\n")
+        paths = os.pathsep.join([str(folder), *sys.path])
+        ran = subprocess.run(
+            [sys.executable, "-c", ask],
+            env={**os.environ, "PYTHONPATH": paths, "PYTHONDONTWRITEBYTECODE": "1"},
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        told.append(float(ran.stdout))
+    assert told == [-2.0, -3.0]
