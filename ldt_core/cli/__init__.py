@@ -15,14 +15,14 @@ import sys
 import click
 from click.shell_completion import CompletionItem
 
-from ldt_core.base import first_compilation
+from ldt_core.base import first_compilation, slow_runs
 from ldt_core.base.errors import LdtError, reason_of
 from ldt_core.base.own_process import kept_alive
 from ldt_core.base.registry import entry_points, own_place
 from ldt_core.base.stopping import EXIT_CODE, Interrupted, interrupted_by_signals
 from ldt_core.cli.completion import VARIABLE, register
 from ldt_core.cli.spelling import SuggestingGroup, missing, nameless, unknown_option, unusable
-from ldt_core.cli.terminal import echo, results_alone
+from ldt_core.cli.terminal import echo, results_alone, warn
 
 GROUP = "ldt.command"
 LONGEST_PLACE = 300  # characters of a file's name in a sentence
@@ -97,6 +97,7 @@ def ldt() -> None:
 def main(arguments: list[str] | None = None) -> None:
     """Run a command; exit 0: done, 2: bad input, 1: the work itself failed, 130: interrupted."""
     first_compilation.listener = _compiling
+    slow_runs.listener = warn
     interrupted_by_signals()
     sys.exit(invoke(ldt, arguments))
 

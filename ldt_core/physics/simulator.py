@@ -9,11 +9,13 @@ from __future__ import annotations
 
 import abc
 import threading
+import time
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ldt_core.base import slow_runs
 from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError, described, reason_of
 from ldt_core.physics.base import (
@@ -102,6 +104,7 @@ class Simulator(Physics):
         held = levels[np.searchsorted(at, fine, side="right") - 1]
         followed, gain = tracked
         with _ENGINE, np.errstate(all="ignore"):  # a search comes by absurd values
+            begin = time.perf_counter()
             for k in range(volts.size):
                 states[k] = np.concatenate([state, acting.own])
                 if not np.isfinite(states[k]).all():
@@ -112,6 +115,7 @@ class Simulator(Physics):
                     now = j * duration
                     torque, terminal = acting.on(now, state, held[j], duration)
                     state = self._advanced(values, state, terminal, torque, duration)
+            slow_runs.tell(self.name, time.perf_counter() - begin)
         return states
 
     def _advanced(

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ldt_core.base import slow_runs
 from ldt_core.base.errors import LdtError, MachineFileError
 from ldt_core.diagnosis.diagnose import diagnose
 from ldt_core.effects import EFFECTS, get_effect
@@ -135,3 +136,16 @@ def test_a_physics_without_the_motors_parameters_is_refused(monkeypatch):
 
     with pytest.raises(MachineFileError, match=r"J, K_t, R, L, b.*without R, L, b"):
         machine(Bare, monkeypatch)
+
+
+def test_whoever_waits_for_a_slow_simulator_is_told_once_how_long(monkeypatch):
+    """A diagnosis by an engine in plain Python took half an hour, and nobody said why."""
+    told: list[str] = []
+    monkeypatch.setattr(slow_runs, "listener", told.append)
+    monkeypatch.setattr(slow_runs, "_spent", 0.999 * slow_runs.PATIENCE)
+    monkeypatch.setattr(slow_runs, "_count", 140)
+    for _ in range(2):
+        Engine().simulate(VALUES, voltage(), PERIOD, np.zeros(3))
+    assert len(told) == 1
+    assert told[0].startswith("a run of the simulator engine takes 0.1")
+    assert "ldt docs simulator" in told[0]
