@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 from ldt_core.base import slow_runs
 from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError, described, reason_of
+from ldt_core.base.registry import own_place
 from ldt_core.physics.base import (
     ANGLE,
     CURRENT,
@@ -92,6 +93,7 @@ class Simulator(Physics):
         for effect, given in effects:
             values = effect.change_parameters(self, values, given)
         at, levels = self.switches(values, times, volts, state, effects)
+        given, values = values, {**values}
         acting = _Acting(values, effects, len(self.states), state)
         most = float(np.abs(levels).max())
         rate = max([0.0, *(e.rate(values, most, p) for e, p in acting.terms)])
@@ -116,22 +118,27 @@ class Simulator(Physics):
                     torque, terminal = acting.on(now, state, held[j], duration)
                     state = self._advanced(values, state, terminal, torque, duration)
             slow_runs.tell(self.name, time.perf_counter() - begin)
+        if values != given:  # each run would be of another machine
+            expected = "expected the parameters left as they are (change a copy: {**values, ...})"
+            raise LdtError(f"physics {self.name}, advance: {expected}, got others behind it")
         return states
 
     def _advanced(
         self, values: Values, state: Array, voltage: float, torque: float, duration: float
     ) -> Array:
+        where = f"physics {self.name}, advance"
         try:
-            later = np.array(self.advance(values, state, voltage, torque, duration), dtype=float)
+            found = self.advance(values, state, voltage, torque, duration)
+            later = np.array(found, dtype=float)
         except LdtError:
             raise
         except Exception as error:
-            raise LdtError(f"physics {self.name}, advance: {reason_of(error)}") from error
+            place = own_place(error)
+            at = f" ({place})" if place else ""
+            raise LdtError(f"{where}: {reason_of(error)}{at}") from error
         if later.shape != state.shape:
-            raise LdtError(
-                f"physics {self.name}, advance: expected {state.size} states, got "
-                f"{described(later)}"
-            )
+            expected = f"{state.size} states ({', '.join(self.states)})"
+            raise LdtError(f"{where}: expected {expected}, got {described(found)}")
         return later
 
 

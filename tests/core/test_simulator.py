@@ -96,7 +96,8 @@ def test_a_diagnosis_names_what_acts_on_an_engine(monkeypatch):
 @pytest.mark.parametrize(
     ("answer", "sentence"),
     [
-        (lambda state: state[:2], r"engine, advance: expected 3 states, got .*2"),
+        (lambda state: state[:2], r"expected 3 states \(theta, omega, current\), got .*2"),
+        (lambda state: None, r"engine, advance: expected 3 states .*, got None"),
         (lambda state: 1 / 0, "engine, advance: ZeroDivisionError"),
         (lambda state: state * np.nan, "engine diverged"),
     ],
@@ -108,6 +109,36 @@ def test_an_engine_that_fails_is_told(answer, sentence):
 
     with pytest.raises(LdtError, match=sentence):
         Broken().simulate(VALUES, voltage(), PERIOD, np.zeros(3))
+
+
+def test_an_engine_that_writes_into_its_parameters_is_refused():
+    """Each step was of another machine, and a prediction was wrong without a word."""
+
+    class Heavier(Engine):
+        def advance(self, values, state, voltage, torque, duration):
+            values["J"] *= 1.001
+            return super().advance(values, state, voltage, torque, duration)
+
+    with pytest.raises(LdtError, match="advance: expected the parameters left as they are"):
+        Heavier().simulate(VALUES, voltage(), PERIOD, np.zeros(3))
+    assert VALUES["J"] == 1e-3
+
+
+def test_an_engine_that_fails_names_its_line(tmp_path, monkeypatch):
+    """Its file is the user's own, and may be long."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "failing.py").write_text(
+        "from ldt_core.physics.motor import Motor\n"
+        "from ldt_core.physics.simulator import Simulator\n"
+        "class Failing(Simulator):\n"
+        "    name, parameters = 'failing', Motor.parameters\n"
+        "    def advance(self, values, state, voltage, torque, duration):\n"
+        "        return state * values['stiffness']\n"
+        "FAILING = Failing()\n"
+    )
+    physics = PHYSICS.get("failing.py:FAILING")
+    with pytest.raises(LdtError, match=r"KeyError: 'stiffness' \(.*failing.py, line 6\)"):
+        physics.simulate(VALUES, voltage(), PERIOD, np.zeros(3))
 
 
 def test_a_physics_that_does_not_bear_an_effect_is_no_end_of_a_diagnosis(monkeypatch):
