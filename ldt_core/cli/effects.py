@@ -12,6 +12,7 @@ from ldt_core.cli.options import json_option
 from ldt_core.cli.terminal import echo, echo_result
 
 if TYPE_CHECKING:
+    from ldt_core.machine.machine_file import Machine
     from ldt_core.physics.effect import Effect
     from ldt_core.physics.parameter import Parameter
 
@@ -35,12 +36,14 @@ def command(effect: str | None, machine: str | None, as_json: bool) -> None:
     """
     from ldt_core.base.errors import OptionError
     from ldt_core.effects import EFFECTS, get_effect
+    from ldt_core.machine.machine_file import load_machine
 
+    known_machine = None if machine is None else load_machine(machine)
     if effect is not None:
-        found = get_effect(effect)
+        found = get_effect(effect) if known_machine is None else known_machine.law(effect)
         if ".py:" in effect and found.name in EFFECTS.names():
             raise OptionError(f"effect {effect}", "a name that no other has", repr(found.name))
-        checked = _check(found, machine)
+        checked = _check(found, None if known_machine is None else [known_machine])
         record = {**_record(found), "checked": checked}
         lines = [*_lines(found), "", "Checked:", *(f"- {c}" for c in checked)]
         echo_result(as_json, record, *lines)
@@ -67,12 +70,10 @@ def _known() -> list[Effect]:
     return found
 
 
-def _check(effect: Effect, machine: str | None) -> list[str]:
+def _check(effect: Effect, machines: list[Machine] | None) -> list[str]:
     from ldt_core.base.errors import LdtError
     from ldt_core.checks import check_effect
-    from ldt_core.machine.machine_file import load_machine
 
-    machines = None if machine is None else [load_machine(machine)]
     try:
         return check_effect(effect, machines)
     except (AssertionError, LdtError) as error:

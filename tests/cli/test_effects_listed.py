@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import pytest
+import yaml
 
 from ldt_core.cli import invoke
 from ldt_core.cli.effects import command
@@ -221,3 +223,12 @@ def test_a_machine_without_an_effect_is_refused(capsys):
     """The list is of all effects, whatever the machine."""
     assert invoke(command, ["--machine", "rotor"]) == 2
     assert "--machine: expected an EFFECT to check on it, got none" in capsys.readouterr().err
+
+
+def test_an_effect_that_a_machine_file_lists_is_checked_by_its_name(mine, capsys):
+    """As every other command takes it."""
+    listed = [mine("MINE = effect(torque=lambda t, a, w, i, u, p: -p[0] * math.tanh(w))")]
+    machine = load_machine("dc_motor").as_dict() | {"own_effects": listed}
+    Path("machine.yaml").write_text(yaml.safe_dump(machine))
+    assert invoke(command, ["mine", "--machine", "machine.yaml"]) == 0
+    assert "on dc_motor: the neutral values change nothing" in capsys.readouterr().out
