@@ -24,6 +24,9 @@ COLOURS = {"ok": "green", "warning": "yellow", "problem": "red"}
     "--bag", default="", help="Folder that a run would record to, if not under ldt_recordings."
 )
 @click.option(
+    "--machine", metavar="FILE", help="Machine file whose physics and effects of your own to check."
+)
+@click.option(
     "--repair",
     "mend",
     is_flag=True,
@@ -32,8 +35,16 @@ COLOURS = {"ok": "green", "warning": "yellow", "problem": "red"}
 )
 @namespace_option
 @json_option
-def command(recording: str | None, bag: str, mend: bool, namespace: str, as_json: bool) -> int:
-    """Find what prevents `ldt up` from running well here, or damage in RECORDING.
+def command(
+    recording: str | None,
+    bag: str,
+    machine: str | None,
+    mend: bool,
+    namespace: str,
+    as_json: bool,
+) -> int:
+    """Find what prevents `ldt up` from running well here, damage in RECORDING, or faults in what
+    you wrote for a machine file.
 
     Each check prints one line: ok, warning or problem, and after -> what to do about it. The exit
     code is 0 if there is no problem, else 1. Nothing is changed without --repair.
@@ -42,7 +53,13 @@ def command(recording: str | None, bag: str, mend: bool, namespace: str, as_json
     """
     from ldt_core.doctor import check, computer_checks
 
-    if recording is None:
+    if machine is not None:
+        if recording is not None or mend:
+            raise OptionError("--machine", "no RECORDING beside it", recording or "--repair")
+        from ldt_core.doctor.machine_checks import findings as machine_findings
+
+        found = machine_findings(machine)
+    elif recording is None:
         if mend:
             raise OptionError("--repair", "a RECORDING to repair", "none")
         found = check.run_probes([*computer_checks.probes(bag), *check.found_probes()])

@@ -13,6 +13,7 @@ from pathlib import Path
 from test_bad_surroundings import BLOCK, ldt_process
 
 from ldt_core.cli import invoke, ldt
+from ldt_core.machine.machine_file import load_machine
 
 RUN = Path(__file__).resolve().parents[2] / "bags" / "rotor_drift"
 PR_CAPBSET_DROP, CAP_DAC_OVERRIDE = 24, 1  # linux/prctl.h, linux/capability.h
@@ -91,3 +92,32 @@ def test_the_core_looks_without_importing_ros():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout == "False\n"
+
+
+def test_the_own_parts_of_a_machine_file_are_checked(tmp_path, monkeypatch, capsys):
+    """Each in lines of its own; a fault of one was a traceback from Python."""
+    monkeypatch.chdir(tmp_path)
+    Path("engine.py").write_text(
+        "from ldt_core.physics.motor import Motor\n"
+        "from ldt_core.physics.simulator import Simulator\n"
+        "class Engine(Simulator):\n"
+        "    name, parameters = 'engine', Motor.parameters\n"
+        "    def advance(self, values, state, voltage, torque, duration):\n"
+        "        values['J'] *= 1.01\n"
+        "        return state\n"
+        "ENGINE = Engine()\n"
+    )
+    Path("drag.py").write_text(
+        "from ldt_core.effects.base import Effect\n"
+        "from ldt_core.physics.parameter import Parameter\n"
+        "C = Parameter('c', 'N m s', 0.0, default=0.0, description='coefficient')\n"
+        "DRAG = Effect('drag', 'd', 'e', (C,), {'c': 1e-3},\n"
+        "              torque=lambda t, a, w, i, u, p: -p[0] * w)\n"
+    )
+    machine = load_machine("dc_motor").as_dict() | {"own_effects": ["drag.py:DRAG"]}
+    Path("own.yaml").write_text(json.dumps(machine))
+    assert invoke(ldt, ["doctor", "--machine", "own.yaml"]) == 0
+    assert "ok       drag          the typical values change" in capsys.readouterr().out
+    Path("own.yaml").write_text(json.dumps(machine | {"physics": "engine.py:ENGINE"}))
+    assert invoke(ldt, ["doctor", "--machine", "own.yaml"]) == 1
+    assert "problem  physics " in capsys.readouterr().out
