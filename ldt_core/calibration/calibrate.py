@@ -179,7 +179,9 @@ class _Work:
         state = self._fitted()
         self._doing = "looking for what the physics lacks"
         beforehand = state.prior.rows if state.prior else None
-        lack = lack_of_fit(self.machine, state.runs, state.values, state.sensitivities, beforehand)
+        lack = lack_of_fit(
+            self.machine, state.runs, state.coordinates, state.z, state.sensitivities, beforehand
+        )
         state.lacking = lack.names
         imitated = lack.shifts / state.coordinates.sizes(state.z)
         known = state.known.widened(state.coordinates.names, imitated)

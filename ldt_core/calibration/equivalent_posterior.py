@@ -44,7 +44,7 @@ def equivalent_posterior(
     known = {p.name: p for p in machine.model.parameters}
     coordinates = Coordinates([Coordinate(known[n], values[n], values[n]) for n in names], values)
     sensitivities = runs.sensitivities(coordinates, coordinates.nominal)
-    lack = lack_of_fit(machine, runs, values, sensitivities)
+    lack = lack_of_fit(machine, runs, coordinates, coordinates.nominal, sensitivities)
     if lack.names is None:
         return None
     lengths = [len(e) for e in experiments]

@@ -297,3 +297,30 @@ def test_a_healthy_rotor_has_no_eccentricity():
     result = calibrate(rotor, healthy, free=["e"])
     assert found(result)["e"].value == 0
     assert found(result)["e"].ci95 is None
+
+
+def differenced(count, seed):
+    """Experiments of a motor whose speed is the difference of an encoder's angles, under ramps."""
+    rng, period = np.random.default_rng(seed), MOTOR.sample_period
+    found = []
+    for number in range(1, count + 1):
+        volts = np.interp(np.arange(400) / 50, np.arange(9), [0, *rng.uniform(-12, 12, 8)])
+        states = MOTOR.model.simulate(MOTOR.parameters, volts, period, np.zeros(3))
+        speed = np.diff(states[:, 0], prepend=0.0) / period
+        found.append(
+            Experiment(number, 0.0, period, volts, speed + 0.02 * rng.standard_normal(400))
+        )
+    return found
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_what_is_fitted_is_not_said_to_be_lacking(seed):
+    """The speed is half a sample late. "motor constant" was in what is left, by its bend alone.
+
+    So K_t was twice as open to the next diagnosis as the friction makes it, which does not show.
+    """
+    result = calibrate(MOTOR, differenced(6, seed), holdout=0.0)
+    assert "input_delay" in result.lacking
+    changed = {"inertia", "motor_constant", "armature_resistance", "armature_inductance"}
+    assert changed.isdisjoint(result.lacking)
+    assert result.posterior.deviations["K_t"] < 0.01
