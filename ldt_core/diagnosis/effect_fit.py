@@ -40,6 +40,7 @@ class EffectFit:
         jacobian: (size, p) change of the residuals per coordinate.
         loss: sum of squares of `residual`, and of the own coordinates: their prior's.
         own: how many of the members are the machine's own parameters, 1 or 0.
+        begun: what start states of its own, for each experiment, have to gain; 0 without.
     """
 
     members: tuple[Candidate, ...]
@@ -49,6 +50,7 @@ class EffectFit:
     loss: float
     own: int = 0
     starts: StartStates | None = None
+    begun: float = 0.0
 
     @property
     def effects(self) -> tuple[Candidate, ...]:
@@ -160,6 +162,7 @@ def fit(
         found.loss,
         own,
         found.starts,
+        found.begun,
     )
 
 
@@ -170,6 +173,7 @@ class _Descended(NamedTuple):
     residual: Array
     jacobian: Array
     starts: StartStates
+    begun: float = 0.0
 
     @property
     def loss(self) -> float:
@@ -254,15 +258,17 @@ class _SetFit:
         if residuals.shaking or not any(p.at_rest for p in residuals.pieces):
             return shared  # they were sought
         use, size = self.use(shared.z), residuals.size
-        price, shown, begin = len(residuals.pieces) * THRESHOLDS.start_state_gain, 0.0, shared.z
+        states = 0 if (turning := turns(residuals, use)) else states_of(use)
+        begun = len(residuals.pieces) * THRESHOLDS.start_state_gain * max(states, 1)
+        price, shown, begin = begun, 0.0, shared.z
         found: StartStates | None = None
-        if turns(residuals, use):
+        if turning:
             shown = gain_of_angles(residuals, use, shared.jacobian[:size], step) / GAIN_IN_VIEW
             if least_from_any_angle(residuals, self.use(first), step) < shared.loss - price:
                 # From one angle for all, the fit has gone astray: begin where each has its own.
                 begin, shown = first, math.inf
-        elif states := states_of(use):
-            price = max(price * states, START_STATE_GAIN * shared.loss)
+        elif states:
+            price = max(price, START_STATE_GAIN * shared.loss)
             found = self.settled(shared.z, free=True)
             rest, shared_rest = residuals.of(use, step, found), shared.residual[:size]
             shown = float(shared_rest @ shared_rest - rest @ rest)
@@ -284,4 +290,4 @@ class _SetFit:
             one = self.descended(turned[int(np.argmin(losses))], shared.starts, steps)
             if one.loss - free.loss <= price:
                 return one
-        return free
+        return free._replace(begun=begun)

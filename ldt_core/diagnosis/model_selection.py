@@ -107,8 +107,11 @@ class FittedSets:
         self._own_laws = own_laws(self.residuals)
 
     def loss(self, fitted: EffectFit) -> float:
-        """A set's loss, once its laws may depart from the machine's."""
-        return fitted.loss - self.departures.taken(fitted)
+        """A set's loss, once its laws may depart from the machine's.
+
+        A start state of its own is a parameter more, beside sets that explain as much without.
+        """
+        return fitted.loss + fitted.begun - self.departures.taken(fitted)
 
     def left(self, fitted: EffectFit) -> float:
         """Power in the speed that a set leaves beyond noise, once its laws may depart."""

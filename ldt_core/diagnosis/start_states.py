@@ -323,7 +323,8 @@ class _StartSearch:
 
 def _far_apart(rows: Array, count: int) -> Array:
     """(count, n) of these rows, each the farthest from those before it and from 0."""
-    scaled = np.clip(rows / np.maximum(np.std(rows, axis=0), TINY), -LARGEST, LARGEST)
+    finite = np.clip(rows, -LARGEST, LARGEST)  # a run may explode
+    scaled = np.clip(finite / np.maximum(np.std(finite, axis=0), TINY), -LARGEST, LARGEST)
     away, found = np.sum(scaled**2, axis=1), []
     for _ in range(count):
         found.append(int(np.argmax(away)))

@@ -17,7 +17,7 @@ from ldt_core.diagnosis.effect_fit import fit
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
 from ldt_core.diagnosis.simulated_experiments import SEARCH_STEP
 from ldt_core.diagnosis.start_angles import gain_of_angles
-from ldt_core.diagnosis.start_states import directions
+from ldt_core.diagnosis.start_states import _far_apart, directions
 from ldt_core.estimation.start_at_rest import AT_REST
 from ldt_core.estimation.variable_projection import basis_of, project_out
 
@@ -217,6 +217,12 @@ def test_a_start_state_whose_run_explodes_explains_all_in_its_direction():
     columns = np.array([[1e200], [0.0], [0.0]])
     left = project_out(np.ones(3), directions(columns, np.array([1.0])))
     np.testing.assert_allclose(left, [0.0, 1.0, 1.0])
+
+
+def test_the_size_of_states_that_explode_is_a_number():
+    """Beside a cogging torque, a far end's did; the deviation of all was beyond the largest."""
+    rows = np.array([[0.0, 1e200], [1.0, 2.0], [5.0, -1e250], [2.0, 0.0]])
+    assert _far_apart(rows, 1).tolist() == [[5.0, -1e250]]
 
 
 @pytest.mark.slow

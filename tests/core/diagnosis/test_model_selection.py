@@ -140,6 +140,23 @@ def searched(machine, *effects):
     return search, search.found.of_size(2)[0]
 
 
+def test_start_states_of_its_own_are_parameters_of_a_set():
+    """A winding that is warm in each experiment does what a resistance does, and a little more.
+
+    It came first in the group, and left 30 times the noise where the winding begins cold.
+    """
+    experiments = record(MOTOR, "armature_resistance:factor=1.3", count=4)
+    residuals = FreeRunResiduals(MOTOR, experiments, (NOISE, 1.0))
+    heating, resistance = candidates(MOTOR, ["winding_heating", "armature_resistance"])
+    begin = heating.coordinates({"thermal_resistance": 4.0, "time_constant": 170.0})
+    warm = fit(residuals, [heating], [begin])
+    more = fit(residuals, [resistance], [resistance.coordinates({"factor": 1.2})])
+    found = EffectSetSearch(residuals, [heating, resistance]).found
+    for gain, better in ((3, False), (5, True)):  # by the price of so many start states
+        alike = replace(warm, loss=more.loss - gain * LIMITS.start_state_gain)
+        assert (found.loss(alike) < found.loss(more)) == better
+
+
 def test_a_fit_that_went_astray_takes_no_share_from_the_others():
     """An effect may be neutral, so a set explains no less than each of its parts."""
     search, both = searched(MOTOR, "inertia:factor=1.3", "constant_load:torque=0.01")
