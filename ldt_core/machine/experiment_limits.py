@@ -116,7 +116,7 @@ def refuse_impossible(machine: Declared, experiment: Experiment) -> None:
         experiment.voltage,
         (low - slack, high + slack),
         f"{where}, voltage",
-        (f"{low:g} to {high:g} V (limits of machine {machine.name!r})", "V"),
+        (f"{low:g} to {high:g} V (`limits` in the file of machine {machine.name!r})", "V"),
     )
     for name, samples, most, unit in _amplitudes(machine, experiment):
         expected = f"at most {most:.3g} {unit} either way ({AMPLITUDE_FACTOR:g} times what machine "
