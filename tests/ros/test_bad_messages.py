@@ -282,7 +282,10 @@ def test_experiments_that_cannot_be_are_refused_by_number(stranger, monkeypatch)
         number = str(bad.number)
         stranger.until(lambda n=number: stranger.health("twin").get("refused experiment") == n)
     assert node.topics.rejected == {"experiment: ExperimentError": 3}
-    assert "-24 to 24 V (`limits` in the file of machine 'rotor')" in stranger.health("twin")["last rejection"]
+    assert (
+        "-24 to 24 V (`limits` in the file of machine 'rotor')"
+        in stranger.health("twin")["last rejection"]
+    )
     stranger.send("experiment", experiment(4))
     stranger.until(lambda: stranger.numbers("prediction") == [3, 4])
 
