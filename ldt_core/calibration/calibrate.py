@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import replace
 
 import numpy as np
@@ -130,6 +130,24 @@ def check_names(machine: Machine, free: Sequence[str], fixed: Sequence[str]) -> 
         raise OptionError("--fixed", "a list that leaves a parameter free", "all of them")
 
 
+def _changed(machine: Machine, open_ones: Set[str]) -> set[str]:
+    """The machine's own numbers that an effect changes, by one parameter each, and does no more.
+
+    A number and its change are one unknown: fitted along, both would be as open as the file's
+    tolerance, however well their product is known.
+
+    Args:
+        open_ones: names of what is not exact.
+    """
+    found: set[str] = set()
+    for effect, given in machine.effects:
+        if effect.is_folded and not open_ones.isdisjoint(own_name(effect.name, n) for n in given):
+            values = effect.change_parameters(machine.model, machine.parameters, effect.typical)
+            moved = {n for n, v in machine.parameters.items() if n in values and values[n] != v}
+            found |= moved if len(moved) == len(effect.parameters) else set()
+    return found
+
+
 class _Work:
     def __init__(
         self,
@@ -141,7 +159,10 @@ class _Work:
         taken: list[str],
         tick: Callable[[str], None],
     ) -> None:
-        self.machine, self.physics, self.experiments = machine, machine.model, experiments
+        changed = set() if free else _changed(machine, machine.deviations.keys() | taken)
+        kept = {n: std for n, std in machine.deviations.items() if n not in changed}
+        self.machine = machine = replace(machine, deviations=kept)
+        self.physics, self.experiments = machine.model, experiments
         self.before = before
         #: Relative standard deviations that count as known; None fits without any.
         self.prior = {**machine.tolerances, **dict.fromkeys(taken, DIAGNOSED)}
@@ -158,6 +179,8 @@ class _Work:
                 self.reasons[p.name] = Reason.AS_ASKED
             elif free or p.name in taken:
                 continue
+            elif p.name in changed:
+                self.reasons[p.name] = Reason.CHANGED
             elif is_own(p.name) and p.name not in machine.deviations:
                 self.reasons[p.name] = Reason.EXACT
             elif p.default is not None or self.values[p.name] == 0:

@@ -47,6 +47,7 @@ class Reason(enum.StrEnum):
     GROUPED = "not told apart"
     SILENT = "does not show"
     EXACT = "stated without std"
+    CHANGED = "an effect changes it"
 
 
 @dataclass(frozen=True)

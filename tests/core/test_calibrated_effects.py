@@ -12,7 +12,9 @@ import yaml
 import ldt_core as ldt
 from ldt_core.base.errors import ArgumentTypeError, BadInput, MachineFileError
 from ldt_core.calibration import calibrate
+from ldt_core.calibration.calibration import Reason
 from ldt_core.calibration.machine_yaml import machine_file_text
+from ldt_core.diagnosis.diagnose import diagnose
 from ldt_core.diagnosis.diagnosis import read_effects
 from ldt_core.diagnosis.fitted_along import acting_and_along
 from ldt_core.effects import get_effect, parse_effect
@@ -60,6 +62,30 @@ def test_dry_friction_that_the_file_lacks_withholds_the_intervals():
     assert any("ldt calibrate --with" in note for note in result.notes)
     assert result.as_dict()["intervals"].startswith("withheld")
     assert result.machine.tolerances["K_t"] > 0.05  # no less than the data sheet's
+
+
+def test_a_number_and_the_effect_that_changes_it_are_one_unknown():
+    """K_t and its factor were both open by 10 %, and so hid a friction three times as large."""
+    weaker = {"motor_constant": {"factor": 0.88}}
+    measured = ldt.simulate(motor(), 5, effects=weaker, seed=1)
+    acting = [get_effect("motor_constant").used({"factor": 0.9})]
+    tolerant = {**FILE["parameters"], "K_t": {"value": 0.055, "std": 0.003}}
+    for file in (motor(), motor(parameters=tolerant)):
+        result = calibrate(file, measured, acting=acting)
+        factor = next(e for e in result.estimates if e.name == "motor_constant.factor")
+        low, high = factor.ci95
+        assert low < 0.88 < high
+        assert high - low < 0.06
+        assert result.fixed["K_t"] == Reason.CHANGED
+        assert "K_t" not in result.machine.deviations
+        again = calibrate(result.machine, measured)
+        assert again.fixed["K_t"] == Reason.CHANGED
+    worse = {**weaker, "viscous_friction": {"b": 3e-4}}
+    later = ldt.simulate(motor(), 6, effects=worse, seed=2)
+    verdict = diagnose(result.machine, later, seed=0).verdict
+    assert "viscous_friction" in verdict.effects
+    both = calibrate(motor(), measured, acting=acting, free=["K_t"])
+    assert {e.name for e in both.estimates} == {"K_t", "motor_constant.factor"}
 
 
 def test_what_a_diagnosis_fitted_along_is_no_effect_of_the_machine(tmp_path):
