@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence, Set
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -50,6 +50,7 @@ from ldt_core.calibration.prior_knowledge import (
 from ldt_core.machine.current_check import wrong_current
 from ldt_core.machine.machine_file import Machine
 from ldt_core.physics.effect import Effect
+from ldt_core.physics.known_effects import changed_numbers
 from ldt_core.physics.parameter import Parameter, is_own, own_name
 
 FEWEST_SAMPLES = 10  # of an experiment: fewer do not even show its start state
@@ -130,24 +131,6 @@ def check_names(machine: Machine, free: Sequence[str], fixed: Sequence[str]) -> 
         raise OptionError("--fixed", "a list that leaves a parameter free", "all of them")
 
 
-def _changed(machine: Machine, open_ones: Set[str]) -> set[str]:
-    """The machine's own numbers that an effect changes, by one parameter each, and does no more.
-
-    A number and its change are one unknown: fitted along, both would be as open as the file's
-    tolerance, however well their product is known.
-
-    Args:
-        open_ones: names of what is not exact.
-    """
-    found: set[str] = set()
-    for effect, given in machine.effects:
-        if effect.is_folded and not open_ones.isdisjoint(own_name(effect.name, n) for n in given):
-            values = effect.change_parameters(machine.model, machine.parameters, effect.typical)
-            moved = {n for n, v in machine.parameters.items() if n in values and values[n] != v}
-            found |= moved if len(moved) == len(effect.parameters) else set()
-    return found
-
-
 class _Work:
     def __init__(
         self,
@@ -159,7 +142,8 @@ class _Work:
         taken: list[str],
         tick: Callable[[str], None],
     ) -> None:
-        changed = set() if free else _changed(machine, machine.deviations.keys() | taken)
+        open_ones = machine.deviations.keys() | taken
+        changed = set() if free else changed_numbers(machine.model, machine.parameters, open_ones)
         kept = {n: std for n, std in machine.deviations.items() if n not in changed}
         self.machine = machine = replace(machine, deviations=kept)
         self.physics, self.experiments = machine.model, experiments

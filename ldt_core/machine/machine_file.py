@@ -39,7 +39,7 @@ from ldt_core.machine.file_values import (
     stated_parameters,
 )
 from ldt_core.physics import PHYSICS
-from ldt_core.physics.known_effects import PhysicsWithEffects
+from ldt_core.physics.known_effects import PhysicsWithEffects, changed_numbers
 from ldt_core.physics.own_physics import named_physics, refuse_faulty
 from ldt_core.physics.parameter import own_name
 
@@ -130,8 +130,8 @@ class Machine:
         vars(self).update({**optional, **fields})
 
     def __repr__(self) -> str:
-        count, period = self.samples, self.sample_period
-        return f"Machine({self.name!r}, {self.physics}, {count} samples at {period:g} s)"
+        length = f"{self.samples} samples at {self.sample_period:g} s"
+        return f"Machine({self.name!r}, {self.physics}, {length})"
 
     @property
     def model(self) -> Physics:
@@ -166,8 +166,7 @@ class Machine:
         Raises:
             OptionError: nothing of that name.
         """
-        own = next((effect for effect in self.own_laws if effect.name == name), None)
-        return own or _effect(name)
+        return next((own for own in self.own_laws if own.name == name), None) or _effect(name)
 
     def effect(self, name: str) -> Effect:
         """An effect as a change of this machine: of a known one, what is known is neutral.
@@ -196,10 +195,11 @@ class Machine:
     def tolerances(self) -> dict[str, float]:
         """Relative standard deviation of each parameter; those that are missing are exact.
 
-        The file's where it states one, else the usual one of such a physics.
+        The file's, else the usual one but for what an effect changes that is not exact itself.
         """
         own = {n: s / abs(self.parameters[n]) for n, s in self.deviations.items()}
-        return {**self.model.tolerances, **own}
+        changed = changed_numbers(self.model, self.parameters, self.deviations.keys())
+        return {**{n: s for n, s in self.model.tolerances.items() if n not in changed}, **own}
 
     @property
     def samples(self) -> int:

@@ -8,7 +8,7 @@ has come on top.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Sequence, Set
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -167,3 +167,21 @@ class PhysicsWithEffects(Physics):
         for effect, given in self._acting(values):
             values = effect.change_parameters(self, values, given)
         return values
+
+
+def changed_numbers(physics: Physics, values: Values, open_ones: Set[str]) -> set[str]:
+    """The machine's own numbers that a known effect changes, by one parameter each, and no more.
+
+    A number and its change are one unknown. Taken as two, both would be as open as the number's
+    tolerance, however well their product is known.
+
+    Args:
+        open_ones: names of what is not exact; of an effect that is, the number is the unknown.
+    """
+    found: set[str] = set()
+    for effect, given in physics.known if isinstance(physics, PhysicsWithEffects) else ():
+        if effect.is_folded and not open_ones.isdisjoint(own_name(effect.name, n) for n in given):
+            changed = effect.change_parameters(physics, values, effect.typical)
+            moved = {n for n, v in values.items() if n in changed and changed[n] != v}
+            found |= moved if len(moved) == len(effect.parameters) else set()
+    return found
