@@ -258,16 +258,17 @@ class ContestAdaptor(KnownVersions):
         return Action.ADAPTED, self._reason(before, experiment, origin), details
 
     def _question(self, experiment: Experiment) -> Question:
-        """What explains this experiment; a search that goes on already leaves no time for two."""
+        """What explains this experiment. It is asked beside a search that goes on, too: of an
+        experiment in which a resonance has captured the shaft, that may take long.
+        """
         versions = (self.model, *reversed(self.earlier))
-        due = self.backoff.due and self.search is None
         told = [experiment]
         if too_short(told):
             lasting = (self.model, self.original)
             recent = self._recent(experiment)
             failed = (e for e in recent if not any(explains(m, e) for m in lasting))
             told = newest_enough([*failed, experiment])
-        about = self._recent(experiment), told, self._elsewhere, due
+        about = self._recent(experiment), told, self._elsewhere, self.backoff.due
         return Question(self._grey(), versions, self.learned_from, *about, pool=())
 
     def _reason(self, before: Model, experiment: Experiment, origin: str, sure: bool = True) -> str:
