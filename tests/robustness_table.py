@@ -4,7 +4,7 @@ ldt study --only robustness --seeds 10 --out streams
 python -m tests.robustness_table streams
 
 keeps the columns that the table needs in `bags/robustness.csv` and writes the table anew. A study
-that was interrupted gives the streams that it had finished.
+that was interrupted gives the streams that it had finished; what was kept of the others stays.
 """
 
 from __future__ import annotations
@@ -85,6 +85,8 @@ def _percent(found: Iterable[Row], name: str) -> str:
 def main(study: str) -> int:
     """Write table and kept columns."""
     found = results(Path(study))
+    anew = {(line["stream"], line["setup"]) for line in found}
+    found += [line for line in rows(KEPT) if (line["stream"], line["setup"]) not in anew]
     with KEPT.open("w", newline="", encoding="utf-8") as text:
         writer = csv.DictWriter(text, COLUMNS)
         writer.writeheader()

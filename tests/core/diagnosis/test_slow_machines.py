@@ -10,7 +10,7 @@ from ldt_core.machine.machine_file import Machine, load_machine
 
 #: Inertia [kg m^2], constant [N m/A], resistance [Ohm], viscous [N m s] and dry friction [N m].
 J, K_T, R, B, DRY = 40.0, 20.0, 2.0, 0.5, 15.0
-PERIOD, STEPS, NOISE = 0.01, 50, 0.002  # s, integration steps a sample, rad/s
+PERIOD, STEPS, NOISE = 0.01, 20, 0.002  # s, integration steps a sample, rad/s
 
 
 def turntable(path) -> Machine:
@@ -46,7 +46,7 @@ def recorded(count: int) -> list[Experiment]:
 
 def test_a_turntable_s_dry_friction_is_found_down_to_the_noise(tmp_path):
     """Smoothed over 0.02 rad/s, its law left twice the noise and took a part for Stribeck's."""
-    verdict = diagnose(turntable(tmp_path / "turntable.yaml"), recorded(6), seed=0).verdict
+    verdict = diagnose(turntable(tmp_path / "turntable.yaml"), recorded(4), seed=0).verdict
     assert verdict.acting == [["coulomb_friction"]]
     assert verdict.confidence > 0.9
     assert "15.0" in verdict.sentence
