@@ -14,7 +14,7 @@ from ldt_core.physics.parameter import SMALLEST, Parameter, Values
 # where that is less: 1e-3 rad/s for a turntable that it stops in a second. A jump at 0 would break
 # the integrator's order. A shaft that sticks creeps at a fraction of that speed instead, below any
 # sensor's noise. The time is the coarse step of a twin's search, which would take shorter ones for
-# a sharper sign, and find less in the steps that it is granted: with a quarter of the time, 39 % is
+# a sharper sign, and find less in the steps that it is granted: with an eighth of it, 39 % is
 # left of the stream `e_and_friction` in place of 20 %.
 STICK_SPEED, STICK_TIME = 0.02, 2e-3
 # Widths of the sign over which an excess at standstill fades, at least: less is told as the sign's.
