@@ -9,6 +9,7 @@ has come on top.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence, Set
+from contextlib import suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -181,7 +182,9 @@ def changed_numbers(physics: Physics, values: Values, open_ones: Set[str]) -> se
     found: set[str] = set()
     for effect, given in physics.known if isinstance(physics, PhysicsWithEffects) else ():
         if effect.is_folded and not open_ones.isdisjoint(own_name(effect.name, n) for n in given):
-            changed = effect.change_parameters(physics, values, effect.typical)
-            moved = {n for n, v in values.items() if n in changed and changed[n] != v}
-            found |= moved if len(moved) == len(effect.parameters) else set()
+            with suppress(LdtError):  # a user's own, whose typical values this machine cannot have
+                typical = effect.check(effect.typical)
+                changed = effect.change_parameters(physics, values, typical)
+                moved = {n for n, v in values.items() if n in changed and changed[n] != v}
+                found |= moved if len(moved) == len(effect.parameters) else set()
     return found

@@ -187,3 +187,29 @@ def test_an_installed_effect_whose_helper_s_file_changes_is_compiled_anew(folder
         )
         told.append(float(ran.stdout))
     assert told == [-2.0, -3.0]
+
+
+def test_an_effect_that_fails_at_its_typical_values_ends_no_file(folder):
+    """Which numbers it changes is then not known: each keeps its own tolerance."""
+    Path("magnet.py").write_text("""
+from ldt_core.effects.base import Effect
+from ldt_core.physics.parameter import Parameter
+
+
+def change(values, part):
+    assert part < 0.2, "no such magnet"
+    return {**values, "K_t": values["K_t"] * (1 - part)}
+
+
+MAGNET = Effect(
+    name="magnet",
+    description="a magnet that has lost a part",
+    equation="K_t := (1 - part) K_t",
+    parameters=(Parameter("part", "", 0.0, 0.9, 0.0, "that is lost", scale=0.1),),
+    typical={"part": 0.3},
+    on_parameters=change,
+)
+""")
+    known = [{"name": "magnet", "parameters": {"part": {"value": 0.1, "std": 0.01}}}]
+    machine = Machine({**MOTOR, "own_effects": ["magnet.py:MAGNET"], "effects": known})
+    assert machine.tolerances["K_t"] > 0
