@@ -27,12 +27,17 @@ _own_files: set[str] = set()  # that were loaded
 
 def entry_points(group: str) -> metadata.EntryPoints:
     """What installed packages offer under a group, in no particular order."""
-    found: metadata.EntryPoints = _entry_points(tuple(sys.path)).select(group=group)
+    return _entry_points(tuple(sys.path), group)
+
+
+@functools.lru_cache
+def _entry_points(path: tuple[str, ...], group: str) -> metadata.EntryPoints:
+    found: metadata.EntryPoints = _all_entry_points(path).select(group=group)
     return found
 
 
 @functools.lru_cache
-def _entry_points(path: tuple[str, ...]) -> Any:  # of another type before Python 3.12
+def _all_entry_points(path: tuple[str, ...]) -> Any:  # of another type before Python 3.12
     # Hundreds of small files are read, whatever the group, which takes as long as a training.
     return metadata.entry_points()
 

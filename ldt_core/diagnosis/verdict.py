@@ -251,8 +251,7 @@ def _no_cause(found: FittedSets, fitted: EffectFit, gap: float) -> bool:
     numbers can follow the speed, and not the current, both together judge.
     """
     band = found.band
-    taken = fitted.loss + fitted.begun - found.loss(fitted)
-    left = band.excess(fitted.residual) - taken - found.own_laws
+    left = band.excess(fitted.residual) - found.departures.taken(fitted) - found.own_laws
     if left <= THRESHOLDS.further_effect_of_gap * found.excess:
         return False
     return bool(_unexplained(found, found.left(fitted), gap))

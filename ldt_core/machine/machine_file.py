@@ -6,7 +6,7 @@ import contextlib
 import dataclasses
 import functools
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
@@ -142,13 +142,12 @@ class Machine:
     @property
     def effects(self) -> tuple[tuple[Effect, Mapping[str, float]], ...]:
         """The effects that are known to act, each with all its values."""
-        return tuple((self.law(name).in_detail(own), own) for name, own in self._own_values())
-
-    def _own_values(self) -> Iterator[tuple[str, dict[str, float]]]:
-        """Name and values of each effect known to act; they say in which detail its law acts."""
-        for name in self.acting:
-            known = {p.name: own_name(name, p.name) for p in self.law(name).all_parameters}
-            yield name, {n: self.parameters[o] for n, o in known.items() if o in self.parameters}
+        found = []
+        for law in map(self.law, self.acting):
+            known = {p.name: own_name(law.name, p.name) for p in law.all_parameters}
+            own = {n: self.parameters[o] for n, o in known.items() if o in self.parameters}
+            found.append((law.in_detail(own), own))  # they say in which detail it acts
+        return tuple(found)
 
     @property
     def effect_names(self) -> list[str]:
@@ -197,9 +196,10 @@ class Machine:
 
         The file's, else the usual one but for what an effect changes that is not exact itself.
         """
+        physics = self.model
         own = {n: s / abs(self.parameters[n]) for n, s in self.deviations.items()}
-        changed = changed_numbers(self.model, self.parameters, self.deviations.keys())
-        return {**{n: s for n, s in self.model.tolerances.items() if n not in changed}, **own}
+        changed = changed_numbers(physics, self.parameters, self.deviations.keys())
+        return {**{n: s for n, s in physics.tolerances.items() if n not in changed}, **own}
 
     @property
     def samples(self) -> int:

@@ -169,13 +169,13 @@ def _other_numbers(
     with suppress(*UNLEARNABLE), one_thread():
         search = model.search_on(experiments)
         most = _refined(model, model.effects, model.given, experiments).score + ALIKE
+        tried = rivals
         for begin in starts:
-            scaled = [e for e in rivals if {effect.family, e.family} == SCALED]
-            tried = [e for e in (rivals if begin is starts[0] else scaled) if e not in found]
             for other in finished(search.leading(begin, tried)):
                 fitted = finished(search.beside(begin, other))
                 if fitted.explains and fitted.score < most:
                     found.append(other)
+            tried = [e for e in rivals if e not in found and {effect.family, e.family} == SCALED]
     return [spoken(e.name) for e in library if e in found]
 
 
