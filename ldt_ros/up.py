@@ -72,18 +72,18 @@ def _supervised(given: Mapping[str, Any]) -> Iterator[Supervisor]:
     require_ros()
     folder = Path(tempfile.mkdtemp(prefix="ldt-"))
     before = dict(os.environ)
-    keep_output = False
+    named = False
     try:
         environment = secured(given, _roles(given), prepare(folder))
         with shared_memory_cleared(), Supervisor(folder, environment, given) as supervisor:
             yield supervisor
     except LdtError as error:
-        keep_output = error.exit_code == LdtError.exit_code
+        named = str(folder) in str(error)
         raise
     finally:
         os.environ.clear()
         os.environ.update(before)
-        if not keep_output:
+        if not named:  # nobody would look into it, and /tmp would fill up
             shutil.rmtree(folder, ignore_errors=True)
 
 

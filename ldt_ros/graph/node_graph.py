@@ -109,7 +109,8 @@ class Graph:
             respawner.look()
             self._notice_rivals(respawner.restarted_at)
             if time.monotonic() - began > patience and not all(m.health for m in self.monitors):
-                raise LdtError(f"the nodes did not start within {patience:g} s")
+                place = f"(all output: {self.supervisor.folder})"
+                raise LdtError(f"the nodes did not start within {patience:g} s {place}")
         if stopped():
             for child in self.supervisor.children:
                 if child.running:  # a stopped one goes on, and answers what it has missed

@@ -169,6 +169,8 @@ def test_a_node_that_dies_is_named(start, domain, tmp_path):
     assert code == 1
     assert "detector ended with code -9" in errors
     assert "Traceback" not in errors
+    output = Path(errors.partition("(all output: ")[2].partition(")")[0])
+    assert (output / "detector.log").is_file()
     assert graph_processes(domain) == []
 
 
@@ -314,6 +316,22 @@ def test_the_settings_of_a_run_that_goes_on_are_read_once(tmp_path, monkeypatch,
     with pytest.raises(LdtError, match="seed 5"):
         up.launch({"resume": "run"})
     assert read == ["run", "run"]
+
+
+def test_a_start_that_fails_leaves_nothing_that_nobody_is_told_of(tmp_path, monkeypatch):
+    """An empty folder in /tmp, each time."""
+    from ldt_core.base.errors import LdtError
+    from ldt_ros import up
+
+    def secured(*_):
+        raise LdtError("no process of a node can be started")
+
+    monkeypatch.setattr(up, "secured", secured)
+    monkeypatch.setattr(up, "prepare", lambda folder: {})
+    monkeypatch.setattr(up.tempfile, "tempdir", str(tmp_path))
+    with pytest.raises(LdtError, match="no process"):
+        up.launch({})
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_run_beside_a_machine_that_streams_has_no_end_unless_one_is_given(monkeypatch, tmp_path):
