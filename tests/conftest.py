@@ -8,6 +8,7 @@ import os
 import random
 import signal
 import sys
+import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -158,6 +159,16 @@ def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
+def one_core(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What the test asks for computes as on one core, the programs that it starts too.
+
+    Other workers keep the rest busy: threads among which a search is spread cost 7 % of it, and
+    processes their start. `test_how_many_cores_there_are_changes_nothing` is about the rest.
+    """
+    monkeypatch.setenv("LOKY_MAX_CPU_COUNT", "1")
+
+
+@pytest.fixture
 def one_sentence(capsys: pytest.CaptureFixture[str]) -> Callable[[], str]:
     """What was said on standard error, which is one line."""
 
@@ -184,8 +195,16 @@ def next_domain() -> Callable[[], int]:
 
 
 @pytest.fixture
-def domain(next_domain: Callable[[], int], monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
-    """A ROS domain that nobody else uses, for this process and its children."""
+def domain(
+    next_domain: Callable[[], int],
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    tmp_path_factory: pytest.TempPathFactory,
+):
+    """A ROS domain that nobody else uses, for this process and its children.
+
+    What they leave for a user to look at does not stay in /tmp.
+    """
     coordinator = pytest.importorskip("domain_coordinator")
     from ldt_ros.graph.environment import prepare
 
@@ -193,6 +212,9 @@ def domain(next_domain: Callable[[], int], monkeypatch: pytest.MonkeyPatch, tmp_
         before = dict(os.environ)
         monkeypatch.setenv("ROS_DOMAIN_ID", str(number))
         monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path / "ros_log"))
+        place = str(tmp_path_factory.mktemp("tmp"))
+        monkeypatch.setenv("TMPDIR", place)
+        monkeypatch.setattr(tempfile, "tempdir", place)  # this process has asked already
         prepare()
         yield number
         # prepare() sets what was missing; the next test starts as this one did.

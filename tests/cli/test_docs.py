@@ -20,13 +20,11 @@ LEFT_OUT = {
     **{"connect": 1, "deploy": 2, "detector": 1, "network": 2, "diagnosis": 1, "paper": 2},
     **{"effect": 3, "real": 4, "speed": 1, "start": 1, "streams": 1, "watch": 2},
 }
-#: Pages of commands that compute in processes, as many as there are cores. Other tests ask for two
-#: of each of them; here, beside other workers, their start would cost as much as the work.
-ONE_PROCESS = ("accuracy", "detector", "paper")
 #: Pages that start nodes.
 ON_THE_BUS = ("connect", "promises", "start")
 
 
+@pytest.mark.usefixtures("one_core")  # other tests ask for two processes of what has them
 @pytest.mark.parametrize("name", docs.names())
 def test_a_page_works_by_copy_and_paste(name, tmp_path, programs, request, monkeypatch):
     """Every block, in order, in an empty folder; what it prints is what the page says."""
@@ -35,8 +33,6 @@ def test_a_page_works_by_copy_and_paste(name, tmp_path, programs, request, monke
     if name in ON_THE_BUS:
         pytest.importorskip("rclpy")
         request.getfixturevalue("domain")
-    if name in ONE_PROCESS:
-        monkeypatch.setenv("LOKY_MAX_CPU_COUNT", "1")
     monkeypatch.setenv("COLUMNS", "200")
     done = execute(docs.text(name), tmp_path, programs)
     assert done.commands > 0

@@ -12,7 +12,7 @@ import ldt_core as ldt
 from ldt_core.cli import calibrate, diagnose, identify, import_file, invoke, predict
 from ldt_core.effects import EFFECTS
 
-pytestmark = pytest.mark.usefixtures("undrawn")
+pytestmark = pytest.mark.usefixtures("undrawn", "one_core")
 
 
 def call(command, *arguments):

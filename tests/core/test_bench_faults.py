@@ -21,6 +21,8 @@ from tests.bench_faults import (
     motor_on_a_bench,
 )
 
+pytestmark = pytest.mark.usefixtures("one_core")
+
 HALF = EXPERIMENTS // 2
 SEEDS = [1, 2, 3]
 

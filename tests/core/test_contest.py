@@ -20,16 +20,18 @@ from ldt_core.lab.study.robustness.streams import STREAMS
 from ldt_core.machine.plant import Plant
 from ldt_core.models.grey_box import GreyBoxModel
 from ldt_core.physics.parameter import Parameter
+from ldt_core.physics.side_by_side import SideBySide
 from ldt_core.restart.recorded_run import RecordedRun
 from ldt_core.restart.stage_restart import TwinRestart
 from ldt_core.runs.offline import run
+from ldt_core.twin import candidates
 from ldt_core.twin.cause_search import CauseSearch, Question
 from ldt_core.twin.loop import Twin
 from ldt_core.twin.original_watch import OriginalWatch
 from ldt_core.twin.stage import RecordedStep
 from ldt_core.twin.version_errors import alike, fails_before
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("one_core")]
 
 ROTOR = ldt.Machine("rotor")
 
@@ -77,6 +79,29 @@ def test_a_change_is_explained_by_the_next_experiment(effect, parameter, to):
     after = [s for s in steps if s.number > change]
     assert all(s.signal.level is ldt.Level.NEGATIVE and s.signal.adequacy < 3 for s in after)
     assert steps[change - 1].signal.state == "changed"
+
+
+def test_how_many_cores_there_are_changes_nothing(monkeypatch):
+    """The threads among which a search is spread: to the last bit."""
+    plant = Plant(wearing("quadratic_drag", "c", 4e-4), experiments=8, seed=3)
+    (change,) = plant.schedule.changes
+    healthy, e = plant.experiment(1), plant.experiment(change)
+    found, threads = [], []
+
+    def noted(self, runs, workers):
+        threads.append(workers)
+        return plainly(self, runs, workers)
+
+    plainly = SideBySide.states
+    monkeypatch.setattr(SideBySide, "states", noted)
+    for count in (1, 3):
+        monkeypatch.setattr(candidates, "cores", lambda count=count: count)
+        twin = ldt.Twin("rotor", model="auto")
+        *_, step = (twin.step(one) for one in (healthy, e))
+        assert max(threads) == count
+        found.append((step.adaptation, twin.model.predict(e).speed.tobytes()))
+    assert found[0] == found[1]
+    assert found[0][0].action == "adapted"
 
 
 def test_a_machine_that_goes_back_and_forth_gets_its_versions_back():

@@ -14,6 +14,8 @@ from ldt_core.base.experiment import Experiment
 from ldt_core.machine.machine_file import Machine, load_machine
 from ldt_core.twin.loop import Twin
 
+pytestmark = pytest.mark.usefixtures("one_core")
+
 NOISE = 0.1  # rad/s
 PERIOD, SAMPLES, HOLD = 0.01, 500, 50
 #: From this experiment on the motor is another; so many in all.

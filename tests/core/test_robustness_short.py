@@ -15,6 +15,8 @@ from ldt_core.twin.contest import SEARCHING, UNDER_WAY
 from ldt_core.twin.loop import Twin
 from tests.robustness_short import FILE, SHORT, left
 
+pytestmark = pytest.mark.usefixtures("one_core")
+
 #: Of the share written beside it that a share may have grown by.
 GROWTH = 0.1
 

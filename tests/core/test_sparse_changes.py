@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 
 import numpy as np
@@ -10,6 +11,8 @@ import pytest
 from ldt_core.base.experiment import Action, Experiment
 from ldt_core.twin.loop import Twin
 from tests.motors import motor_file
+
+pytestmark = pytest.mark.usefixtures("one_core")
 
 PERIOD, SAMPLES, NOISE = 0.01, 200, 0.3  # s, of an experiment, rad/s
 #: True numbers, then what somebody has identified: a motor without friction and fan.
@@ -48,12 +51,13 @@ def run(
         mixed: whether two of three experiments are a sweep, and one step after another.
     """
     noise, levels = np.random.default_rng(seed), np.random.default_rng(seed + 100)
-    p, x, twin, found = dict(TRUE), np.zeros(2), Twin(motor_file(file, SAMPLES, PERIOD)), []
+    p, twin, found = dict(TRUE), Twin(motor_file(file, SAMPLES, PERIOD)), []
+    i, w, h = 0.0, 0.0, PERIOD / 10  # current, speed, step
 
-    def rate(x, u):
-        i, w = x
-        load = p["b"] * w + p["dry"] * np.tanh(w / 0.5) + p["fan"] * w * abs(w)
-        return np.array([(u - p["R"] * i - p["K"] * w) / p["L"], (p["K"] * i - load) / p["J"]])
+    # Plain numbers: by arrays of two the machine took as long as its twin.
+    def rate(i, w, u):
+        load = p["b"] * w + p["dry"] * math.tanh(w / 0.5) + p["fan"] * w * abs(w)
+        return (u - p["R"] * i - p["K"] * w) / p["L"], (p["K"] * i - load) / p["J"]
 
     for k in range(1, count + 1):
         p |= changes.get(k, {})
@@ -61,14 +65,16 @@ def run(
         if mixed and k % 3:
             sweep = np.sin(np.cumsum(np.linspace(0.01, 0.2, SAMPLES)))
             volts = volts[0] * (sweep if k % 3 == 1 else np.repeat([1.0, 0.4], SAMPLES // 2))
-        speed, h = np.empty(SAMPLES), PERIOD / 10
-        for n, u in enumerate(volts):
-            speed[n] = x[1]
+        speed = np.empty(SAMPLES)
+        for n, u in enumerate(volts.tolist()):
+            speed[n] = w
             for _ in range(10):
-                a = rate(x, u)
-                b = rate(x + h / 2 * a, u)
-                c = rate(x + h / 2 * b, u)
-                x = x + h / 6 * (a + 2 * b + 2 * c + rate(x + h * c, u))
+                ai, aw = rate(i, w, u)
+                bi, bw = rate(i + h / 2 * ai, w + h / 2 * aw, u)
+                ci, cw = rate(i + h / 2 * bi, w + h / 2 * bw, u)
+                di, dw = rate(i + h * ci, w + h * cw, u)
+                i += h / 6 * (ai + 2 * bi + 2 * ci + di)
+                w += h / 6 * (aw + 2 * bw + 2 * cw + dw)
         speed += noise_std * noise.standard_normal(SAMPLES)
         found.append(twin.step(Experiment(k, 2.0 * k, PERIOD, voltage=volts, speed=speed)))
     return found
