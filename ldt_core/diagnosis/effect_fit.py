@@ -24,6 +24,7 @@ from ldt_core.physics.lanes import WIDTH
 STEPS = 12  # least-squares steps of one fit: from good starts, more gain nothing
 STEPS_TO_START_STATES = 4  # least-squares steps after which start states are estimated again
 PRECISION = 1e-5  # of the loss: a step that gains less ends the fit
+COARSE_DIFFERENCE = 0.05
 START_STATE_ROUNDS = 4  # in which start states and parameters are fitted in turn, at most
 START_STATE_GAIN = 0.02  # of the loss: a round that gains less is the last
 GAIN_IN_VIEW = 0.5  # of what own start angles have to gain: they are sought where so much shows
@@ -220,7 +221,8 @@ class _SetFit:
         def rows(points: list[Array]) -> list[Array]:
             return self.rows(points, starts)
 
-        search = ForwardDifferences(rows, self.sizes, self.high, self.steady, self.abreast)
+        coarse = np.where(self.steady, self.sizes, COARSE_DIFFERENCE)
+        search = ForwardDifferences(rows, self.sizes, self.high, self.steady, self.abreast, coarse)
         about = self.within(z), self.low, self.high, search.jacobian, search.residual_alone
         accuracy: dict[str, Any] = {"ftol": self.precision, "xtol": 1e-6, "gtol": 1e-8}
         found = trust_region(search.residual, *about, **accuracy, max_nfev=count)

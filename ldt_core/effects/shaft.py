@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from ldt_core.base.compiled import njit
 from ldt_core.effects.base import factor_of, scaled
 from ldt_core.physics.effect import Effect
 from ldt_core.physics.motor_rates import fastest_root
@@ -12,7 +13,7 @@ from ldt_core.physics.parameter import Parameter
 LEAST_SHARE = 1e-30  # of the inertia at the far end, in place of a division by none
 STEPS_PER_RADIAN = 2  # of a ripple's phase: 13 integration steps a period
 STEPS_PER_CONTACT = 4  # integration steps in a radian of its swing: speeds are 0.1 % off at most
-SOFT = 0.005  # of the slack: how far ends are pressed before they take half of their damping
+SOFT = 0.005  # of the slack, to either side of a touch: where the ends' damping comes
 LEAST_TWIST = 1e-12  # [rad]: in place of a division by none
 
 
@@ -43,19 +44,20 @@ def _compliance_rate(values, voltage, share, stiffness, damping):
     return fastest_root(damping / relative, stiffness / relative)
 
 
+@njit()
+def _pushed(pressed, slip, p):  # pragma: no cover - compiled
+    """Moment of two ends that touch, never a pull, for how far they are pressed together."""
+    soft = max(SOFT * p[1], LEAST_TWIST)
+    touch = min(max(0.5 + 0.5 * pressed / soft, 0.0), 1.0)
+    return max(p[2] * max(pressed, 0.0) + p[3] * touch * slip, 0.0)
+
+
 def _backlash(t, theta, omega, current, voltage, p, state, rate):
-    stiffness, near = p[2], p[4]
-    share = max(p[0], LEAST_SHARE)
+    near, share = p[4], max(p[0], LEAST_SHARE)
     there = p[0] / share
     far = near * share / (1.0 - share)
-    twist, free = theta - state[0], 0.5 * p[1]
-    pressed = max(twist - free, 0.0) + min(twist + free, 0.0)
-    deep = abs(pressed)
-    side = pressed / max(deep, LEAST_TWIST)  # -1, 0 or 1
-    damping = p[3] * deep / max(deep + SOFT * p[1], LEAST_TWIST)
-    # Its ends push and never pull.
-    push = max(stiffness * deep + damping * side * (omega - state[1]), 0.0)
-    moment = there * side * push
+    twist, slip, free = theta - state[0], omega - state[1], 0.5 * p[1]
+    moment = there * (_pushed(twist - free, slip, p) - _pushed(-twist - free, -slip, p))
     rate[0] = there * state[1]
     rate[1] = moment / far
     return -moment
