@@ -24,6 +24,9 @@ from ldt_core.physics.lanes import WIDTH
 STEPS = 12  # least-squares steps of one fit: from good starts, more gain nothing
 STEPS_TO_START_STATES = 4  # least-squares steps after which start states are estimated again
 PRECISION = 1e-5  # of the loss: a step that gains less ends the fit
+# Of a coordinate, to begin with. From the starts of a gear's play in four sealed cases, the best fits
+# leave 5.7, 6.9, 5.6 and 1.6 % of the loss; with 0.15 they leave 1.3, 6.5, 4.7 and 1.6, and with
+# `DIFFERENCE_STEP` 13, 9.1, 6.5 and 8.3.
 COARSE_DIFFERENCE = 0.05
 START_STATE_ROUNDS = 4  # in which start states and parameters are fitted in turn, at most
 START_STATE_GAIN = 0.02  # of the loss: a round that gains less is the last

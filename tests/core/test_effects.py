@@ -213,6 +213,24 @@ def test_a_backlash_lets_the_motor_turn_alone_through_its_play():
     assert states[-1, 1] == pytest.approx(rigid[-1, 1], rel=1e-3)
 
 
+@pytest.mark.parametrize("blow", [2.0, 5.0, 20.0])
+@pytest.mark.parametrize(
+    ("stiffness", "damping"), [(30, 0.005), (30, 0.02), (30, 0.05), (10, 0.03)]
+)
+def test_a_blow_of_teeth_leaves_what_a_spring_with_a_damper_does(stiffness, damping, blow):
+    """Schwager, Poschel: Coefficient of restitution and linear-dashpot model revisited (2007)."""
+    mass = 0.25 * MOTOR.parameters["J"]  # of two equal halves, in series
+    decay = damping / (2 * mass)
+    swing = math.sqrt(stiffness / mass - decay**2)
+    angle = math.pi - math.atan(2 * decay * swing / (swing**2 - decay**2))
+    free, physics = {**MOTOR.parameters, "K_t": 1e-9, "b": 0.0}, MOTOR.model
+    use = [parse_effect(f"backlash:share=0.5,slack=0.2,{stiffness=!r},{damping=!r}")]
+    start = np.append(physics.initial_state(free, blow), [0.0, 0.0])  # the far end stands still
+    states = physics.simulate(free, held(0, 0.02 + 0.15 / blow, 5e-4), 5e-4, start, use)
+    apart = float(np.max(states[:, -1] - states[:, 1]))
+    assert apart / blow == pytest.approx(math.exp(-decay / swing * angle), abs=2e-3)
+
+
 def test_a_backlash_without_play_is_a_coupling():
     """Whose ends are pressed together where they would be drawn apart."""
     same = "share=0.4,stiffness=3,damping=0.02"

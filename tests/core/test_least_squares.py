@@ -44,6 +44,29 @@ def test_full_steps_make_nothing_worse(x, y, evaluations):
     np.testing.assert_array_equal(found.residual, valley(found.z))
 
 
+@pytest.mark.parametrize("start", [2.0, 2.5, 3.0])
+def test_long_quotients_pass_over_corners_and_grow_short_at_the_end(start):
+    """Short ones stay on the first corner; where nothing has corners, the slopes are exact."""
+
+    def ended(height, coarse):
+        def rows(points):
+            return [
+                np.array([z[0] - 1.0, z[1] + z[0] ** 2]) + height * np.abs((50 * z) % 2 - 1)
+                for z in points
+            ]
+
+        search = ForwardDifferences(rows, 1e-6, np.full(2, 9.0), coarse=coarse)
+        begun, low, high = np.full(2, start), np.full(2, -9.0), np.full(2, 9.0)
+        found = trust_region(search.residual, begun, low, high, search.jacobian)
+        return found, float(found.residual @ found.residual)
+
+    assert ended(0.2, 1e-6)[1] > 10
+    assert ended(0.2, 0.3)[1] < 0.1
+    smooth, loss = ended(0.0, 0.3)
+    assert loss < 1e-9
+    np.testing.assert_allclose(smooth.jacobian, [[1, 0], [2, 1]], atol=1e-3)
+
+
 def test_a_derivative_is_kept_while_its_coordinate_stays_near():
     """Of a number that is known well, and found anew once it has moved."""
     asked = []
