@@ -7,9 +7,15 @@ from typing import Any
 import numpy as np
 
 from ldt_core.base.errors import OptionError
-from ldt_core.segmenter.resampling import Series, find_period, fits_grid, resample, split_at_gaps
+from ldt_core.segmenter.resampling import (
+    GRID_TOLERANCE,
+    Series,
+    find_period,
+    fits_grid,
+    resample,
+    split_at_gaps,
+)
 
-ROUNDING = 1e-6  # of a period: what floating point loses in a length or an end time
 MOST_SAMPLES = 100_000_000  # of a stretch; more is a period in the wrong unit
 
 
@@ -64,7 +70,8 @@ def on_grid(part: dict[str, Series], period: float) -> tuple[np.ndarray, dict[st
     later = speed.time[speed.time >= begin]
     begin = later[0] if later.size else begin  # on a measured speed, which then needs no change
     end = min(s.time[-1] for q, s in part.items() if q != "voltage")
-    count = max((end - begin) / period + ROUNDING + 1, 0)
+    # A clock's rounding must not cost the last sample, and with it the last experiment.
+    count = max((end - begin) / period + GRID_TOLERANCE + 1, 0)
     if count > MOST_SAMPLES:
         raise OptionError("--sample-period", f"at most {MOST_SAMPLES} samples", f"{count:.3g}")
     grid = begin + period * np.arange(int(count))

@@ -484,6 +484,15 @@ def test_lost_samples_are_bridged_by_interpolation(tmp_path):
     assert one.voltage.tolist() == VOLTS.tolist()
 
 
+@pytest.mark.parametrize("began", [0.0, 1.7e9 + 123.456])
+def test_a_lost_row_costs_no_run_whatever_the_clock_says(tmp_path, began):
+    """Runs of 1500 rows with pauses, one row of each lost: every run gives its experiment."""
+    runs = np.concatenate([37.37 * k + np.arange(1500) * 0.004 for k in range(8)])
+    time = np.delete(began + runs, 700 + 1500 * np.arange(8)).round(4)
+    path = table(tmp_path / "x.csv", rows(time, 0 * time, 0 * time))
+    assert [len(e) for e in load(path, length=6).experiments] == [1500] * 8
+
+
 def test_jittered_samples_are_put_on_a_grid(tmp_path):
     """A ramp sampled with 20 % jitter is the ramp on the grid; a step keeps its volt-seconds."""
     time = np.arange(200) / 10 + np.random.default_rng(0).uniform(-0.02, 0.02, 200)
