@@ -104,7 +104,7 @@ def command(
         from ldt_core.diagnosis.fitted_along import acting_and_along
 
         found_keys = read_diagnosis(diagnosis, machine)
-        acting, along = acting_and_along(diagnosis, found_keys, machine.own_laws)
+        acting, along = acting_and_along(diagnosis, found_keys, machine)
         warn_of_nothing(diagnosis, acting)
     check_names(machine.with_effects(acting), free, fixed)
     check_file(out, force)

@@ -66,15 +66,16 @@ def command(
     acting, promising = [], None
     if diagnosis:
         from ldt_core.diagnosis.diagnosis import read_diagnosis, read_effects
+        from ldt_core.diagnosis.fitted_along import check_possible
         from ldt_core.diagnosis.promise import Promising
         from ldt_core.effects import get_effect
 
         known = [get_effect(name) for name in own]
         acting = read_effects(diagnosis, machine, known)
+        found = read_diagnosis(diagnosis, machine)
+        check_possible(diagnosis, found, machine, acting)
         if acting:
-            promising = Promising(machine, read_diagnosis(diagnosis, machine), known, diagnosis)
-        for effect, _ in acting:
-            effect.require(machine.model)
+            promising = Promising(machine, found, known, diagnosis)
         warn_of_nothing(diagnosis, acting)
     model, alone = PhysicsModel(machine, effects=acting), PhysicsModel(machine)
     error, without = FreeRunError(), FreeRunError()

@@ -94,8 +94,8 @@ def calibrate(
 
 def _named(diagnosis: object, machine: Machine) -> tuple[list[Used], list[Used]]:
     if isinstance(diagnosis, Diagnosis):
-        return acting_and_along("with_", diagnosis.as_dict(), machine.own_laws)
+        return acting_and_along("with_", diagnosis.as_dict(), machine)
     if isinstance(diagnosis, str | os.PathLike):
         file = Path(diagnosis)
-        return acting_and_along(str(file), read_diagnosis(file, machine), machine.own_laws)
+        return acting_and_along(str(file), read_diagnosis(file, machine), machine)
     raise ArgumentTypeError("with_", "a diagnosis or its file", described(diagnosis))

@@ -113,6 +113,18 @@ def test_what_a_diagnosis_fitted_along_is_no_effect_of_the_machine(tmp_path):
         acting_and_along("diagnosis.json", {**found, "refit": [3]})
 
 
+def test_a_diagnosis_by_another_file_of_the_machine_is_told_apart():
+    """What it took off that file's viscous friction would leave less than none of this one's."""
+    found = {
+        "verdict": {"kind": "effect", "effects": []},
+        "effects": [{"effect": "viscous_friction", "parameters": {"b": -1.0}}],
+        "machine_file": "calibrated.yaml",
+    }
+    told = r"why\.json: expected changes that .* can have \(diagnose with it\), got changes of cal"
+    with pytest.raises(BadInput, match=told):
+        acting_and_along("why.json", found, motor())
+
+
 @pytest.mark.parametrize(
     "effect",
     ["coulomb_friction:torque=0.02", "coulomb_friction:torque=0.0003", "quadratic_drag:c=1e-6"],
