@@ -76,6 +76,13 @@ def test_little_or_nothing_tells_nothing(length):
     assert swapped([]) == ""
 
 
+@pytest.mark.parametrize("volts", [5.0, 0.1, 12.0])
+def test_a_constant_voltage_is_no_swapped_column(volts):
+    """Nothing moves it, whatever rounding leaves; a real speed is beside it."""
+    made = ldt.simulate("dc_motor", 4, seed=2, noise=0.1)
+    assert swapped([replace(e, voltage=np.full(len(e), volts)) for e in made]) == ""
+
+
 def test_commands_ask(tmp_path, monkeypatch, capsys):
     """Import, calibrate, diagnose and identify; each error names its recording."""
     monkeypatch.chdir(tmp_path)
