@@ -245,8 +245,8 @@ class CsvTable:
                 yield line
 
     def _sniff(self) -> str:
-        rows = [line.strip("\r\n ") for _, line in zip(range(500), self._lines(), strict=False)]
-        rows = [line for line in rows if line][:LOOK_AHEAD]
+        filled = filter(None, (line.strip("\r\n ") for line in self._lines()))
+        rows = list(itertools.islice(filled, LOOK_AHEAD))
         if not rows:
             raise RecordingError(self.path, "rows of numbers", "an empty file")
         # A remark may hold another one, which the row of names has not.

@@ -29,6 +29,7 @@ READ = {
     "UTF-32": text(CELLS).encode("utf-32"),
     "a line that names the separator": "sep=;\n" + text(COMMAS, "t;u;n", ";"),
     "decimal commas between blanks": text(COMMAS, "t u n", " "),
+    "3000 remarks above the names": "# setting\n" * 3000 + text(CELLS),
     "a remark with a semicolon": text([(*row, "a;b") for row in CELLS], "t,u,n,remark"),
     "a remark over two lines": text([(*row, '"a\nb"') for row in CELLS], "t,u,n,remark"),
     "quoted decimal commas": text([tuple(f'"{c}"' for c in row) for row in COMMAS]),
