@@ -204,9 +204,8 @@ def _refuse(form: MotorResponse, linear: Identified, experiments: list[Experimen
     longest = max(e.duration for e in experiments)
     if form.gain <= 0:
         raise LdtError(
-            f"the recording shows no motor but {shown}: the speed falls as the voltage rises, so "
-            "that one of the two has the wrong sign (turn it and import again) or the speed hardly "
-            f"depends on the voltage{guidance(experiments)}"
+            f"the recording shows no motor but {shown}: {_backwards(linear, experiments)}"
+            f"{guidance(experiments)}"
         )
     if form.slowest > SLOWEST_MOTION * longest:
         raise LdtError(
@@ -224,6 +223,22 @@ def _refuse(form: MotorResponse, linear: Identified, experiments: list[Experimen
             f"constants needs a physics of its own (ldt docs physics){guidance(experiments)}"
             f"{other}"
         )
+
+
+def _backwards(linear: Identified, experiments: Sequence[Experiment]) -> str:
+    """Why the gain of a motor would not be positive, in words."""
+    if any(e.voltage.min() < 0 for e in experiments) and all(
+        e.speed.min() >= 0 for e in experiments
+    ):
+        return (
+            "the voltage turns its sign and the speed never does, as of a sensor without direction"
+        )
+    if linear.dc_gain > 0:
+        return "no motor's speed follows a voltage so, as of a sensor that stands still for a while"
+    return (
+        "the speed falls as the voltage rises, so that one of the two has the wrong sign (turn it "
+        "and import again) or the speed hardly depends on the voltage"
+    )
 
 
 def _described(linear: Identified) -> str:

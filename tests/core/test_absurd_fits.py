@@ -84,6 +84,31 @@ def test_what_determines_no_motor_is_refused(name, effects):
     assert "--effects" not in str(error.value)
 
 
+def shown_by(sensor) -> list[Experiment]:
+    """A motor under steps of both signs, as a sensor shows it."""
+    volts = np.repeat(np.random.default_rng(0).uniform(-12, 12, 40), 100)
+    speed = np.zeros(len(volts))
+    for k in range(1, len(speed)):
+        speed[k] = speed[k - 1] + 0.026 * (19.2 * volts[k - 1] - speed[k - 1])
+    whole = Experiment(1, 1e9, 0.01, volts, sensor(speed))
+    return [replace(whole.part(500 * k, 500 * k + 500), number=k + 1) for k in range(8)]
+
+
+@pytest.mark.parametrize(
+    ("sensor", "words"),
+    [
+        (abs, "as of a sensor without direction"),
+        (lambda w: np.where(abs(np.arange(4000) - 2000) < 500, w[1500], w), "that stands still"),
+        (lambda w: -w, "the speed falls as the voltage rises"),
+    ],
+)
+def test_a_sensor_s_fault_is_no_wrong_sign(sensor, words):
+    """Of a gain of +34 rad/s per V, no speed falls as the voltage rises."""
+    with pytest.raises(LdtError) as error:
+        identify_machine(shown_by(sensor), "a")
+    assert words in str(error.value)
+
+
 def test_a_few_samples_do_not_show_a_pendulum():
     """Five samples of a motor have been called one, with nothing left over."""
     assert guidance([e.part(0, 5) for e in SOUND]) == ""
