@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 NO_TABLES = (".yaml", ".yml", ".json", ".html")  # a machine file, settings, a page
 MOST_FILES = 5  # that are named; the command has all
+MOST_JOINTS = 4  # of a topic that are listed
 MOST_TOPICS = 12  # of a foreign recording that are listed; a robot has hundreds
 CHANNELS = ("voltage [V]", "speed [rad/s]")
 JOINTS = "sensor_msgs/msg/JointState"
@@ -250,19 +251,28 @@ def _what_to_fill_in(proposed: str) -> str:
 def _foreign(storage: Storage) -> tuple[dict[str, Any], list[str]]:
     """Topics of a recording that is not LDT's, and how to import it."""
     counts = storage.counts()
-    topics = {
+    topics: dict[str, dict[str, Any]] = {
         topic: {"type": kind, "messages": counts[topic]}
         for topic, kind in sorted(storage.topics.items())
     }
     fields = {kind: topic for topic, kind in sorted(storage.topics.items(), reverse=True)}
     number = next((fields[kind] for kind in NUMBERS if kind in fields), "/TOPIC")
     voltage = f"{number}.data" if number != "/TOPIC" else "/TOPIC.FIELD"
-    speed = f"{fields[JOINTS]}.velocity[0]" if JOINTS in fields else "/TOPIC.FIELD:UNIT"
+    for topic, about in topics.items():
+        if about["type"] == JOINTS and counts[topic]:
+            about["joints"] = _joints(storage, topic)
+    speeds = [
+        f"{topic}.velocity[{0 if len(has) == 1 else 'INDEX'}]"
+        for topic, about in topics.items()
+        if (has := about.get("joints", {}).get("velocity"))
+    ]
+    speed = next(iter(speeds), "/TOPIC.FIELD:UNIT")
     named = as_argument(str(storage.path))
     proposed = f"ldt import {named} --voltage {voltage} --speed {speed} --out imported"
     width = max(map(len, topics))
     listed = [
         f"{topic:{width}}  {about['type']}, {counted(counts[topic], 'message')}"
+        + _elements(about.get("joints", {}))
         for topic, about in topics.items()
     ]
     more = [f"  and {len(listed) - MOST_TOPICS} more"] if len(listed) > MOST_TOPICS else []
@@ -274,3 +284,30 @@ def _foreign(storage: Storage) -> tuple[dict[str, Any], list[str]]:
         "Say which of them is the voltage and which the speed:",
         one_line(proposed),
     ]
+
+
+def _joints(storage: Storage, topic: str) -> dict[str, list[str]]:
+    """Each list that the first message of joint states fills → names of its elements."""
+    from ldt_core.recording.messages import deserialize
+
+    try:
+        raw = next(iter(storage.messages([topic])))
+        message: Any = deserialize(raw.data, raw.kind, topic)
+    except (RecordingError, StopIteration):  # the import says what is wrong with it
+        return {}
+    filled = {name: len(getattr(message, name)) for name in ("position", "velocity", "effort")}
+    return {
+        name: [str(n) for n in message.name[:count]] if len(message.name) >= count else [""] * count
+        for name, count in filled.items()
+        if count
+    }
+
+
+def _elements(joints: Mapping[str, Sequence[str]]) -> str:
+    """What can be told of the lists of joint states behind their topic, or ""."""
+    told = [
+        ", ".join(f"{name}[{i}] {joint}".rstrip() for i, joint in enumerate(named[:MOST_JOINTS]))
+        + (", ..." if len(named) > MOST_JOINTS else "")
+        for name, named in joints.items()
+    ]
+    return f": {'; '.join(told)}" if told else ""

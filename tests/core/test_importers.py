@@ -16,6 +16,7 @@ from ldt_core.base.errors import BadInput, OptionError, RecordingError
 from ldt_core.base.units import UNITS, parse_field, propose_fields
 from ldt_core.cli import invoke
 from ldt_core.cli.import_file import command
+from ldt_core.cli.info import command as info
 from ldt_core.recording.bag import experiments
 from ldt_core.recording.importers import import_file
 from ldt_core.recording.messages import typestore
@@ -609,6 +610,14 @@ def test_a_foreign_recording_is_imported_by_topic_field_and_index(tmp_path):
     ).experiments
     assert one.speed == pytest.approx(SPEED * 2 * math.pi / 60)
     assert one.voltage == pytest.approx(VOLTS / 1000)
+
+
+def test_a_foreign_recording_says_which_element_is_which_joint_s(tmp_path, capsys):
+    """[0] was proposed, whose joint stood still; of two joints the reader chooses."""
+    assert invoke(info, [str(foreign(tmp_path / "bag"))]) == 0
+    said = capsys.readouterr().out
+    assert "position[0] a, position[1] b; velocity[0] a, velocity[1] b\n" in said
+    assert "--speed /joint_states.velocity[INDEX] --out" in said
 
 
 def test_a_voltage_command_holds_until_the_next_one(tmp_path):
