@@ -25,6 +25,7 @@ from ldt_core.estimation.amount_interval import DEVIATIONS, law_variance
 from ldt_core.machine.machine_file import Machine
 
 STRAINED = "Unknown: only machine numbers beyond their tolerances close the gap."
+MOST = 0.5  # of a gap: the effects that are named close the smaller part
 RANK = 1e-9  # of the largest singular value: a direction with less is none
 
 
@@ -148,8 +149,23 @@ def own_part(found: Sequence[Refit]) -> float | None:
 
 def moved(found: Sequence[Refit]) -> str:
     """Those whose interval says that they are other ones than the file's, in brackets; or ""."""
-    rows = [r for r in found if r.ci95 is not None and not r.ci95[0] <= 1.0 <= r.ci95[1]]
+    rows = _moved(found)
     return f" ({_factors(rows)})" if rows else ""
+
+
+def _moved(found: Sequence[Refit]) -> list[Refit]:
+    return [r for r in found if r.ci95 is not None and not r.ci95[0] <= 1.0 <= r.ci95[1]]
+
+
+def beside_effects(found: Sequence[Refit]) -> str:
+    """A sentence where these numbers, and not the effects named, close most of a gap; or ""."""
+    part, rows = own_part(found) or 0.0, _moved(found)
+    if part <= MOST or not rows:
+        return ""
+    return (
+        f"Fitted along, within their tolerances: {_factors(rows)}. "
+        f"Such numbers alone close {part:.0%} of the gap."
+    )
 
 
 def closing(found: Sequence[Refit]) -> str:

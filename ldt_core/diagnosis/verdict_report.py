@@ -43,6 +43,7 @@ from ldt_core.diagnosis.nominal import (
     STRAINED,
     as_calibrated,
     at_the_end,
+    beside_effects,
     beyond,
     closing,
     enough,
@@ -171,6 +172,7 @@ class VerdictReport:
             words = f"{words} {as_calibrated(self.machine, was.rmse)}".rstrip()
         sure = self.named is not None or d.kind == "none" or strained
         far = said(self.machine, refit, moved, was.rmse) if refit and sure else ""
+        far = far or (beside_effects(refit) if self.named else "")
         words = " ".join(w for w in (words, far) if w)
         if self.fault:
             words = not_measured(self.fault, "" if self.faulty else words)

@@ -42,9 +42,13 @@ def check_times(where: str, series: Series) -> None:
     if bad.size:
         at = int(bad[0]) + 1
         before, now = series.time[at - 1], series.time[at]
-        word = "the same time again" if before == now else f"{now:.9g} s after {before:.9g} s"
+        twice = before == now
+        word = "the same time again" if twice else f"{now:.10g} s after {before:.10g} s"
         more = f" ({bad.size} such places)" if bad.size > 1 else ""
-        raise RecordingError(f"{where}, {series.place(at)}", "increasing times", word + more)
+        step = "leave out what is there twice" if twice else "import each part by itself"
+        raise RecordingError(
+            f"{where}, {series.place(at)}", f"increasing times ({step})", word + more
+        )
 
 
 def find_period(time: Samples) -> float:

@@ -81,6 +81,10 @@ REFUSED = {
         "times up to 9.2e+09 s (10 s between samples are long; if they are ms: --time t:ms)",
     ),
     "hexadecimal numbers": (text([(t, "0x0A", n) for t, _, n in CELLS]), "'0x0A' (30 such"),
+    "a row twice": (
+        text([*CELLS[:9], CELLS[8], *CELLS[9:]]),
+        "line 11: expected increasing times (leave out what is there twice), got the same time",
+    ),
     "a time zone that changes": (
         text(
             [
@@ -88,7 +92,7 @@ REFUSED = {
                 for i, r in enumerate(CELLS)
             ]
         ),
-        "line 22: expected increasing times",
+        "line 22: expected increasing times (import each part by itself)",
     ),
 }
 

@@ -69,6 +69,16 @@ def test_a_brake_is_no_number_of_the_file():
     assert found.gap.after.rmse < 1.1 * 0.3
 
 
+def test_a_number_that_closes_most_of_the_gap_is_told_beside_the_effect_named():
+    """A tolerance of 20 % took up an inertia that had grown by 35 %, without a word."""
+    told = ("inertia:factor=1.35", "coulomb_friction:torque=0.01")
+    loose = replace(MOTOR, deviations={"J": 0.2})
+    effects = [get_effect(n) for n in ("coulomb_friction", "quadratic_drag", "inertia")]
+    found = diagnose(loose, record(MOTOR, *told, count=4, seed=3, noise=0.1), effects=effects)
+    assert found.verdict.acting == [["coulomb_friction"]]
+    assert "Fitted along, within their tolerances: J × 1.35. Such" in found.verdict.sentence
+
+
 def test_a_mass_that_is_off_is_a_stiffness_damping_and_unbalance_that_are():
     """The speed is the same to a thousandth of what the unbalance does."""
     off = {"m": 1.04, "M": 0.97}

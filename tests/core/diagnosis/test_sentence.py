@@ -8,7 +8,7 @@ import pytest
 
 from ldt_core.diagnosis.diagnosis import Gap, GapLocation, HeldOutErrors, ParameterAmount, Refit
 from ldt_core.diagnosis.next_experiment import apart
-from ldt_core.diagnosis.nominal import closing
+from ldt_core.diagnosis.nominal import beside_effects, closing
 from ldt_core.diagnosis.sentence import grown, sentence
 from ldt_core.effects import get_effect
 
@@ -103,3 +103,13 @@ def test_of_what_the_machine_file_knows_both_values_are_told():
     assert words == (
         "coulomb friction, from the machine file's to what is found: torque 0.0249 to 0.0349 N m"
     )
+
+
+def test_numbers_of_the_file_that_close_most_of_a_gap_are_told_beside_the_effects_named():
+    """A pump's inertia rose by 40 %; the sentence had a friction and a sensor's gain alone."""
+    rows = [Refit(n, 1.27, ends, 0.1, 0.99) for n, ends in (("J", (1.26, 1.28)), ("R", (0.9, 1.3)))]
+    assert beside_effects(rows) == (
+        "Fitted along, within their tolerances: J × 1.27. Such numbers alone close 99% of the gap."
+    )
+    assert beside_effects([replace(r, closed_fraction=0.3) for r in rows]) == ""
+    assert beside_effects(rows[1:]) == ""
