@@ -266,6 +266,6 @@ def _print(found: Diagnosis, folder: Path, only: str = "") -> None:
     console.print(f"{folder / PAGE}, {folder / JSON}")
     words, command = next_step(found, folder / JSON)
     if command:
-        if "--machine" in command:
+        if "--machine" in command and "--only" not in command:
             command = f"{command} {as_options({'only': only})}".rstrip()
         console.print(one_line(f"Next, {words}: {command}"), soft_wrap=True)

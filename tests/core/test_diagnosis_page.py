@@ -460,6 +460,16 @@ def test_a_gap_that_differs_between_experiments_asks_what_changed_when():
     assert next_step(steady, kept)[1].endswith("--out played")
 
 
+def test_after_a_sensor_s_fault_the_next_step_is_the_sensor(diagnoses):
+    """No twin learns what has no name from a speed that was not measured."""
+    for kind in ("unknown", "effect", "none"):
+        told = f"{diagnoses[kind].verdict.sentence} That is by the experiments before a sensor fault"
+        verdict = replace(diagnoses[kind].verdict, sentence=told)
+        words, command = next_step(replace(diagnoses[kind], verdict=verdict), Path("why.json"))
+        assert words.startswith("mend the sensor")
+        assert " --only NUMBERS --out " in command
+
+
 def test_a_unit_that_explains_the_gap_is_mended_before_anything_is_added():
     """The import, not the machine file with a sensor's gain of 9.55."""
     found = replace(fake_diagnosis("effect"), notes=[f"check the unit: in rpm {FITS}"])

@@ -12,7 +12,7 @@ from ldt_core.diagnosis.diagnosis import Diagnosis
 from ldt_core.diagnosis.recorded_units import FITS
 from ldt_core.effects import EFFECTS
 from ldt_core.machine.machine_file import load_machine
-from ldt_core.views.diagnosis_page.headline import no_effect_needed
+from ldt_core.views.diagnosis_page.headline import SENSOR, no_effect_needed
 
 
 def next_step(diagnosis: Diagnosis, kept: Path) -> tuple[str, str]:
@@ -29,6 +29,10 @@ def next_step(diagnosis: Diagnosis, kept: Path) -> tuple[str, str]:
     if any(FITS in note for note in diagnosis.notes):
         again = f"ldt import TABLE --speed NAME:UNIT ... --out {recordings[0]} --force"
         return "unless the speed's unit and sign are right, import again", again
+    if SENSOR in diagnosis.verdict.sentence:
+        told = "mend the sensor, or take the experiments that it has not spoiled"
+        few = f"ldt diagnose {' '.join(recordings)} --machine {machine} --only NUMBERS"
+        return told, f"{few} --out why_sound"
     if diagnosis.verdict.kind == "ambiguous" and diagnosis.next_experiment is None:
         return "as no experiment tells them apart, add the first of them to the file", fitted
     known = _known(diagnosis)
