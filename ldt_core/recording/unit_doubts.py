@@ -12,8 +12,13 @@ from ldt_core.segmenter.resampling import Series
 
 # What hardly any motor does, but a column in another unit seems to do.
 SLOW, QUICK = 1.0, 1e-6  # s between samples
-#: Quantity → (largest size, in which unit, what it is then): 9549 rpm; a railway's voltage.
-RARE = {"voltage": (1000.0, "V", "mV"), "speed": (1000.0, "rad/s", "rpm")}
+#: Quantity → (largest size, in which unit, what it is then): a railway's voltage and current;
+#: 9549 rpm.
+RARE = {
+    "voltage": (1000.0, "V", "mV"),
+    "speed": (1000.0, "rad/s", "rpm"),
+    "current": (1000.0, "A", "mA"),
+}
 #: [rad/s] 10 rpm: dry friction's sign is smoothed over a fiftieth, which such a speed would show.
 SLOW_SHAFT = 1.0
 #: Unit that times likely have where so many of them lie between samples: 1 Hz to 1 kHz.
@@ -27,7 +32,8 @@ def unit_doubts(series: Mapping[str, Series], given: Mapping[str, str]) -> list[
     step = float(np.median(np.diff(speed.time))) if speed.time.size > 1 else 0.0
     slow = next((unit for unit, most in LIKELY.items() if step < most), "")
     for quantity, (most, si, unit) in RARE.items():
-        largest = float(np.nanmax(np.abs(series[quantity].values), initial=0.0))
+        measured = series[quantity].values if quantity in series else np.zeros(0)
+        largest = float(np.nanmax(np.abs(measured), initial=0.0))
         if quantity in bare and largest > most:
             told = f"{quantity}s up to {largest:.5g} {si} are rare"
             notes.append(_doubt(told, unit, quantity, given, unit))

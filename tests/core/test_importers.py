@@ -307,6 +307,8 @@ def test_a_size_that_speaks_for_another_unit_is_told(tmp_path):
     notes = " ".join(load(path).notes)
     assert "if they are rpm: --speed n:rpm" in notes
     assert "if they are ms: --time t:ms" in notes
+    amps = table(tmp_path / "i.csv", rows(TIME, VOLTS, SPEED, 1500 * SPEED, header="t,u,n,i"))
+    assert "if they are mA: --current i:mA" in " ".join(load(amps, current="i").notes)
     micro = table(tmp_path / "us.csv", rows(TIME * 1e6, VOLTS, SPEED))
     assert "if they are us: --time t:us" in " ".join(load(micro).notes)
     assert "if they are" not in " ".join(load(path, speed="n:rpm", time="t:ms").notes)
