@@ -69,9 +69,11 @@ class Commands(SuggestingGroup):
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """The command of that name."""
+        from ldt_core.cli.options import with_all_help
+
         for entry in entry_points(GROUP):
             if entry.name == cmd_name:
-                return entry.load()
+                return with_all_help(entry.load())
         return None
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:

@@ -103,6 +103,13 @@ _HELP_ALL, _HELP_ALL_SAME = (
 )
 
 
+def with_all_help(command: click.Command) -> click.Command:
+    """A command whose --help lists all, with --help-all beside it: the pages tell of both."""
+    if not isinstance(command, Command) and _HELP_ALL_SAME not in command.params:
+        command.params.append(_HELP_ALL_SAME)
+    return command
+
+
 class _Declared(click.Option):
     """The option of a declared parameter."""
 

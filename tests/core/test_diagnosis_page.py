@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
 import sys
@@ -14,6 +15,7 @@ import pytest
 from fake_diagnosis import TRUTH, fake_diagnosis
 from hypothesis import given
 from hypothesis import strategies as st
+from matplotlib import rc_context
 from page_elements import Elements, colours_follow_the_scheme, needs_nothing_else
 
 from ldt_core.base.errors import LdtError
@@ -34,6 +36,7 @@ from ldt_core.views.diagnosis_page.number_format import amount, percent, value_o
 from ldt_core.views.diagnosis_page.signal_curves import binned, orders, spectrum
 from ldt_core.views.diagnosis_page.time_curves import corners, shown_free_runs
 from ldt_core.views.packed_samples import thinned
+from ldt_core.views.page import style
 
 pytestmark = pytest.mark.slow
 
@@ -451,6 +454,22 @@ def test_a_place_is_marked_in_its_panel(diagnoses):
     assert set(marked) == {"speed", "frequency", "experiment"}
 
 
+def test_accelerations_of_thousands_do_not_run_into_each_other(diagnoses):
+    """ "−2000−1500−1000−500" stood below a pump's torque."""
+    from ldt_core.views.diagnosis_page.gap_curves import gap_curves
+
+    found = gap_curves(diagnoses["effect"])
+    wide = replace(found.bins["acceleration"][0], x=np.linspace(-1800, 1800, 20))
+    wide = replace(wide, **dict.fromkeys(("mean", "low", "high"), np.zeros(20)))
+    with rc_context(style.RC):
+        figure = replace(found, bins={**found.bins, "acceleration": [wide]}).alone(style.WIDE)
+        figure.draw_without_rendering()
+    ticks = [t for t in figure.axes[2].get_xticklabels() if abs(t.get_position()[0]) < 2000]
+    boxes = sorted((t.get_window_extent() for t in ticks), key=lambda box: box.x0)
+    assert len(boxes) >= 3
+    assert all(a.x1 + 5 < b.x0 for a, b in itertools.pairwise(boxes))
+
+
 def test_a_gap_that_differs_between_experiments_asks_what_changed_when():
     """A twin that follows the machine diagnoses each change by itself; any other gap it learns."""
     found, kept = fake_diagnosis("unknown"), Path("diagnosis.json")
@@ -463,7 +482,7 @@ def test_a_gap_that_differs_between_experiments_asks_what_changed_when():
 def test_after_a_sensor_s_fault_the_next_step_is_the_sensor(diagnoses):
     """No twin learns what has no name from a speed that was not measured."""
     for kind in ("unknown", "effect", "none"):
-        told = f"{diagnoses[kind].verdict.sentence} That is by the experiments before a sensor fault"
+        told = f"{diagnoses[kind].verdict.sentence} That is by those before a sensor fault"
         verdict = replace(diagnoses[kind].verdict, sentence=told)
         words, command = next_step(replace(diagnoses[kind], verdict=verdict), Path("why.json"))
         assert words.startswith("mend the sensor")

@@ -44,6 +44,7 @@ ROW = 2.05  # inches of a row of panels
 EVERYWHERE = 0.999  # of the samples: a place with more of them is not marked
 LEAST_ORDER = 2.0  # per turn, that the axis of the shaft's orders reaches at least
 MILLI_BELOW = 0.2  # N m, below which torques are given in mN m
+TICKS = 5  # along an axis: accelerations of thousands would run into each other
 FLOOR = 1e-4  # of its peak, below which a spectrum is not drawn
 LOOKS = (("before", VERMILION, 3), ("after", BLUE, 2))  # label, colour, layer
 
@@ -158,6 +159,7 @@ def _over(axes: Axes, found: GapCurves, name: str) -> None:
         )
         axes.plot(x, scale * curve.mean, color=color, lw=1.4, label=label, zorder=layer + 2)
     axes.axhline(0, color=INK, lw=0.6, zorder=1)
+    axes.locator_params(axis="x", nbins=TICKS)
 
 
 def _spectrum(axes: Axes, found: GapCurves, name: str) -> None:
