@@ -109,6 +109,8 @@ def _stuck(e: Experiment, recent: Sequence[Experiment]) -> str:
         return ""  # blocked, or driven by a supply that gives no more
     if not whole:
         own, before = [e.speed[:begin], e.speed[stop:]], [r.speed for r in recent]
+        if value in (e.speed.min(), e.speed.max()):
+            own = [_between_ends(e.speed, part) for part in own]
         usual = _usually(_longest, own, before)
         smooth = not _noisy(e) and (begin == 0 or stop - begin <= FLATTEST * usual)
         if (
@@ -129,14 +131,18 @@ def _stuck(e: Experiment, recent: Sequence[Experiment]) -> str:
 
 
 def _clipped(e: Experiment, recent: Sequence[Experiment]) -> str:
-    """The highest or lowest value comes more often than values of this sensor ever do."""
+    """The highest or lowest value comes more often than values of this sensor ever do.
+
+    Neither tells how often others come: a sensor may saturate at both ends.
+    """
+    between = _between_ends(e.speed, e.speed)
     for value, which in ((e.speed.max(), "highest"), (e.speed.min(), "lowest")):
         at = e.speed == value
         count = int(at.sum())
         in_a_row = np.ptp(np.flatnonzero(at)) == count - 1  # which is judged as such
         if value == 0.0 or in_a_row or not _moves(float(value), e.voltage[at], [e, *recent]):
             continue
-        own, before = [e.speed[~at]], [r.speed for r in recent]
+        own, before = [between], [r.speed for r in recent]
         if _expected(count, len(e), _usually(_most, own, before), [*own, *before]) > FALSE_ALARM:
             continue
         if not _settles(e.speed, float(value)):
@@ -309,6 +315,11 @@ def _noisy(e: Experiment) -> bool:
     if not third.size:
         return False
     return bool(np.median(third) > max(np.median(first), 4 * _resolution([e])))
+
+
+def _between_ends(speed: Samples, part: Samples) -> Samples:
+    """Those of a part that are neither the highest nor the lowest of all."""
+    return part[(part != speed.max()) & (part != speed.min())]
 
 
 def _settles(speed: Samples, value: float) -> bool:

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import faulty_sensors as sensors
+import numpy as np
 import pytest
 from faulty_sensors import FAULTS, SHORT, broken, made, shown
 
+from ldt_core.base.experiment import Experiment
 from ldt_core.diagnosis.diagnose import diagnose
 from ldt_core.effects import get_effect
+from ldt_core.machine.sensor_check import fault
 
 FEW = [get_effect(n) for n in ("sensor_bias", "viscous_friction", "motor_constant", "unbalance")]
 
@@ -21,6 +24,16 @@ def test_a_faulty_sensor_from_the_first_experiment_on_is_said_to_be_one(fails):
     assert found.verdict.sentence.startswith("Sensor fault: in experiment 1 ")
     assert FAULTS[fails] in found.verdict.sentence
     assert {c.rejected_because for c in found.candidates} == {"not tried: the sensor is faulty"}
+
+
+def test_a_sensor_that_saturates_at_both_ends_is_one_that_saturates():
+    """Each end was taken for what this sensor usually does, and hid the other one."""
+    volts = np.repeat([11.0, 9.0, -11.0, -9.0, 3.0], 100)
+    speed = np.zeros(500)
+    for k in range(1, 500):
+        speed[k] = speed[k - 1] + 0.026 * (19.2 * volts[k - 1] - speed[k - 1])
+    seen = np.clip(speed + np.random.default_rng(0).normal(0, 0.1, 500), -90, 90)
+    assert "a sensor that sticks or saturates" in fault(SHORT, Experiment(1, 1, 0.01, volts, seen))
 
 
 def test_a_sensor_that_fails_later_does_not_hide_what_the_machine_has():
