@@ -49,10 +49,10 @@ UNITS: dict[str, dict[str, float]] = {
     },
     "current": {"A": 1, "mA": 1e-3, "uA": 1e-6, "µA": 1e-6, "kA": 1e3},
 }
-#: Quantity → names of columns that are its symbol, or its German word, which says no unit either;
+#: Quantity → names of columns that are its symbol, or a word for it, which says no unit either;
 #: "v" may be a voltage or a speed, "i" an index.
 SYMBOLS = {
-    "time": ("t", "zeit"),
+    "time": ("t", "zeit", "stamp", "unix"),
     "voltage": ("u", "spannung"),
     "speed": ("n", "w", "omega", "ω", "drehzahl"),
     "current": ("strom",),
@@ -139,6 +139,8 @@ def propose_fields(columns: Mapping[str, str]) -> dict[str, str]:
 
     >>> propose_fields({"t": "", "u": "", "n": "", "x": ""})
     {'time': 't:UNIT', 'voltage': 'u:UNIT', 'speed': 'n:UNIT'}
+    >>> propose_fields({"unix_ts": "", "v": ""})
+    {'time': 'unix_ts:UNIT'}
     >>> propose_fields({"time": "", "u [V]": "", "n": "rpm", "Speed (deg/s)": "", "n2": "rpm"})
     {'time': 'time', 'voltage': 'u [V]', 'speed': 'Speed (deg/s):deg/s'}
     """

@@ -278,7 +278,7 @@ def _machine(
         physics=PHYSICS,
         parameters={n: rounded(v) for n, v in parameters.items()},
         voltage_limits=limits or padded_range(low, high),
-        duration=rounded(samples * period),
+        duration=rounded(samples * rounded(period)),
         sample_period=rounded(period),
         simulation={
             "voltage": {"kind": "steps", "low": rounded(low), "high": rounded(high)},

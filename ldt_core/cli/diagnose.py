@@ -234,14 +234,16 @@ def _row(a: RecordingAnswer) -> list[str]:
 
 
 def _print(found: Diagnosis, folder: Path, only: str = "") -> None:
-    from ldt_core.diagnosis.sentence import applied, values
+    from ldt_core.diagnosis.sentence import applied, unsought, values
     from ldt_core.views.diagnosis_page.diagnosis_page import JSON, PAGE
     from ldt_core.views.diagnosis_page.next_step import next_step
 
     console = Console()
     console.print(found.verdict.sentence)
-    console.print(confident(found.verdict.confidence))
-    if found.verdict.kind != "none":
+    sought = not unsought(found.verdict)
+    if sought:
+        console.print(confident(found.verdict.confidence))
+    if sought and found.verdict.kind != "none":
         table = Table(title="what was tried, and what it explains alone of the gap held out")
         for column in ("effect", "explains", "amount", "verdict"):
             table.add_column(column, justify="right" if column == "explains" else "left")

@@ -13,10 +13,12 @@ from ldt_core.diagnosis.diagnosis import (
     HeldOutErrors,
     NextExperiment,
     ParameterAmount,
+    Verdict,
 )
 from ldt_core.diagnosis.thresholds import THRESHOLDS
 from ldt_core.physics.effect import Effect
 
+FAULT = "Sensor fault: "  # how a sentence begins that says nothing else
 COMMON_RANGE = 0.5  # of two ranges together: where both hold more, one of them is said
 WHOLE_GAP = 0.9  # share of the gap in a place: with less, the share is said
 MOST_LEVELS = 8  # of a voltage that somebody sets by hand
@@ -135,6 +137,11 @@ def not_all_alike(left: float, worst: int, noise: float) -> str:
     )
 
 
+def unsought(verdict: Verdict) -> bool:
+    """Whether a sensor's fault is all that is said: verdicts on machines are no measure of it."""
+    return verdict.sentence.startswith(FAULT)
+
+
 def not_measured(fault: str, verdict: str) -> str:
     """The sentence where a sensor is at fault.
 
@@ -143,7 +150,7 @@ def not_measured(fault: str, verdict: str) -> str:
         verdict: on the experiments before; "" where there are too few.
     """
     if not verdict:
-        return f"Sensor fault: {fault}. No cause is sought in a speed that was not measured."
+        return f"{FAULT}{fault}. No cause is sought in a speed that was not measured."
     return f"{verdict} That is by the experiments before a sensor fault: {fault}."
 
 

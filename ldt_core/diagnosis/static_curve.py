@@ -32,7 +32,7 @@ CURVES = {
     "voltage": f"{VOLTS} voltage",
     "current": f"{VOLTS} current",
     "speed": "the machine file with another torque for each speed",
-    "sensor": "the machine file with a sensor that shows another speed for each",
+    "sensor": "the machine file with a sensor that is off by another amount at each speed",
 }
 
 

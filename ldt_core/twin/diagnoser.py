@@ -28,6 +28,7 @@ from ldt_core.base.threads import one_thread
 from ldt_core.diagnosis.diagnose import diagnose
 from ldt_core.diagnosis.diagnosis import Diagnosis
 from ldt_core.diagnosis.holdout import free_run
+from ldt_core.diagnosis.sentence import unsought
 from ldt_core.machine.experiment_limits import too_long_to_learn
 from ldt_core.machine.machine_file import Machine
 from ldt_core.machine.speed_jumps import median_step
@@ -353,7 +354,8 @@ def _record(found: Found, signal: Signal) -> DiagnosisRecord:
         values["cause"] = cause
     for effect, given in found.known.use:
         values |= {f"{AMOUNT_PREFIX}{effect.name}.{name}": float(v) for name, v in given.items()}
-    said = f"{verdict.sentence} {confident(verdict.confidence)}"
+    sure = "" if unsought(verdict) else confident(verdict.confidence)
+    said = f"{verdict.sentence} {sure}".rstrip()
     return DiagnosisRecord(
         signal.experiment, signal.model_version, said, tuple(verdict.effects), values
     )

@@ -8,15 +8,17 @@ import pytest
 from faulty_sensors import FAULTS, SHORT, broken, made, shown
 
 from ldt_core.base.experiment import Experiment
+from ldt_core.cli.diagnose import _print as told_on_terminal
 from ldt_core.diagnosis.diagnose import diagnose
 from ldt_core.effects import get_effect
 from ldt_core.machine.sensor_check import fault
+from ldt_core.views.diagnosis_page.diagnosis_sections import answer
 
 FEW = [get_effect(n) for n in ("sensor_bias", "viscous_friction", "motor_constant", "unbalance")]
 
 
 @pytest.mark.parametrize("fails", [sensors.sticks, sensors.saturates, sensors.steps])
-def test_a_faulty_sensor_from_the_first_experiment_on_is_said_to_be_one(fails):
+def test_a_faulty_sensor_from_the_first_experiment_on_is_said_to_be_one(fails, tmp_path, capsys):
     """The verdict is unknown, names the fault, and blames no effect of the machine."""
     found = diagnose(SHORT, broken(made(4), fails, 1, 4), effects=FEW, workers=1)
     assert found.verdict.kind == "unknown"
@@ -24,6 +26,11 @@ def test_a_faulty_sensor_from_the_first_experiment_on_is_said_to_be_one(fails):
     assert found.verdict.sentence.startswith("Sensor fault: in experiment 1 ")
     assert FAULTS[fails] in found.verdict.sentence
     assert {c.rejected_because for c in found.candidates} == {"not tried: the sensor is faulty"}
+    told_on_terminal(found, tmp_path)
+    told = capsys.readouterr().out
+    assert "Confidence" not in told  # of verdicts on machines it is: "9%", beside a plain fault
+    assert "what was tried" not in told
+    assert answer(found, tmp_path).aside == ""
 
 
 def test_a_sensor_that_saturates_at_both_ends_is_one_that_saturates():

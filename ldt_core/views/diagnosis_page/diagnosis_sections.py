@@ -9,7 +9,7 @@ from typing import Any
 from ldt_core.base.printable import as_argument
 from ldt_core.base.sentences import counted, listed, ranges, spans
 from ldt_core.diagnosis.diagnosis import Diagnosis, RankedCandidate, Refit
-from ldt_core.diagnosis.sentence import applied
+from ldt_core.diagnosis.sentence import applied, unsought
 from ldt_core.views.diagnosis_page import gap_curves, ranking, time_curves
 from ldt_core.views.diagnosis_page.headline import WORDS, headline, no_effect_needed
 from ldt_core.views.diagnosis_page.next_step import machine_argument, next_step
@@ -60,6 +60,7 @@ def answer(diagnosis: Diagnosis, kept: Path) -> Answer:
         words = "no effect needed"
     mark = Mark(words, TONES.get(verdict.kind, "open"))
     aside = f"confidence {percent(verdict.confidence)}".replace(" ", "\N{NO-BREAK SPACE}")
+    aside = "" if unsought(verdict) else aside
     step, command = next_step(diagnosis, kept)
     if not command and diagnosis.next_experiment is not None:
         step = "record the experiment that would tell more"
