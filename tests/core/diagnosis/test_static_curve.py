@@ -58,7 +58,7 @@ def test_a_law_that_a_set_only_imitates_is_unknown():
     """A sensor that saturates: an inertia and a drag imitate it, and leave little."""
     found = verdict(MACHINES["sensor"], "inertia", "quadratic_drag")
     assert (found.kind, found.effects) == ("unknown", [])
-    assert "a sensor that shows another speed" in found.sentence
+    assert "a sensor that is off by another amount" in found.sentence
 
 
 def test_a_law_that_is_only_off_keeps_its_name():
