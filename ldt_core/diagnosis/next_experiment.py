@@ -46,9 +46,9 @@ def next_experiment(
             if best is None or worth > best[0]:
                 with_current = " with the current measured" if current and not measured else ""
                 why = (
-                    f"{name}{with_current} tells {apart([f.names for f in alike])} apart: one such "
-                    f"experiment moves them {number(math.sqrt(power))} noise deviations from each "
-                    "other, at least"
+                    f"{name}{with_current} would tell "  # a name may be of several
+                    f"{apart([f.names for f in alike])} apart: one such experiment moves them "
+                    f"{number(math.sqrt(power))} noise deviations from each other, at least"
                 )
                 period = residuals.experiments[0].period
                 best = worth, NextExperiment(why, [float(v) for v in volts], period, channels)

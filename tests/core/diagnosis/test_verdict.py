@@ -220,6 +220,7 @@ def test_what_forward_running_cannot_tell_apart_is_ambiguous(one_way):
     assert "constant_load" in found.verdict.effects
     assert "inertia" not in found.verdict.effects
     assert found.next_experiment is not None
+    assert " would tell " in found.next_experiment.why  # "small steps tells"
     assert min(found.next_experiment.voltage) <= 0.0
 
 
