@@ -95,7 +95,8 @@ def _stuck(e: Experiment, recent: Sequence[Experiment]) -> str:
     """The same speed to the last bit for longer than chance allows, while the voltage moves.
 
     At rest a sensor without noise may well show 0 for ever, so that only an experiment that is
-    nothing else is refused then. After experiments without noise even that is not. It may show any
+    nothing else is refused then. After experiments without noise even that is not, unless the
+    voltage turns its sign and a shaft that is said to turn does not care. It may show any
     one value before the machine begins to move, and for long where the speed is at a peak.
     """
     begin, stop = _longest_run(e.speed)
@@ -105,7 +106,9 @@ def _stuck(e: Experiment, recent: Sequence[Experiment]) -> str:
         return ""
     if not _moves(value, e.voltage[begin:stop], [e, *recent]):
         return ""
-    if whole and any(not _noisy(r) for r in recent):
+    low, high = np.quantile(e.voltage, TAILS)
+    turns = value != 0.0 and low < 0.0 < high
+    if whole and not turns and any(not _noisy(r) for r in recent):
         return ""  # blocked, or driven by a supply that gives no more
     if not whole:
         own, before = [e.speed[:begin], e.speed[stop:]], [r.speed for r in recent]

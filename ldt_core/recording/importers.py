@@ -116,6 +116,9 @@ def import_file(
             raise RecordingError(where, f"at most {LARGEST:g} in SI units", f"{largest:g}")
     doubts = unit_doubts(series, given)
     notes += doubts
+    if not np.ptp(series["speed"].values):
+        still = f"{series['speed'].values[0]:g} rad/s throughout"
+        notes.append(f"the speed is {still}: is it the right field?")
     done = _cut(str(path), series, notes, sample_period, length, cut, doubts, like)
     layout = FileLayout(str(path), columns, done[0].period)
     return Imported(done, content, notes, doubts, layout)

@@ -328,6 +328,13 @@ def test_where_a_unit_is_doubted_the_next_step_is_to_import_again(tmp_path, caps
     assert [line.startswith(f"Next, {step}") for line in steps] == [True]
 
 
+def test_a_speed_that_never_changes_is_asked_about(tmp_path):
+    """A pump's valve beside its impeller was taken without a word."""
+    asked = "the speed is 0 rad/s throughout: is it the right field?"
+    assert asked in load(table(tmp_path / "x.csv", rows(TIME, VOLTS, 0 * SPEED))).notes
+    assert "throughout" not in " ".join(load(table(tmp_path / "y.csv", PLAIN)).notes)
+
+
 def test_an_unknown_unit_is_refused_with_the_list(tmp_path):
     """Also one of another quantity."""
     path = table(tmp_path / "x.csv", PLAIN)

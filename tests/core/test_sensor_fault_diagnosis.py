@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import faulty_sensors as sensors
 import numpy as np
 import pytest
@@ -41,6 +43,15 @@ def test_a_sensor_that_saturates_at_both_ends_is_one_that_saturates():
         speed[k] = speed[k - 1] + 0.026 * (19.2 * volts[k - 1] - speed[k - 1])
     seen = np.clip(speed + np.random.default_rng(0).normal(0, 0.1, 500), -90, 90)
     assert "a sensor that sticks or saturates" in fault(SHORT, Experiment(1, 1, 0.01, volts, seen))
+
+
+def test_a_speed_that_a_reversed_voltage_does_not_move_is_no_blocked_rotor():
+    """Where motion hid the sensor's noise, 84 rad/s for 10 s were a note: "sensor or machine?"."""
+    before = made(3, effects=[], noise=0.0)
+    stuck = shown(before[-1], 0 * before[-1].speed + 84.2)
+    reversing = replace(stuck, voltage=np.where(np.arange(len(stuck)) < len(stuck) / 2, 9.0, -9.0))
+    assert "a sensor that sticks" in fault(SHORT, reversing, before)
+    assert fault(SHORT, replace(reversing, speed=0 * stuck.speed), before) == ""
 
 
 def test_a_sensor_that_fails_later_does_not_hide_what_the_machine_has():
