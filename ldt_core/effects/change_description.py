@@ -63,7 +63,8 @@ def doubt_of(effect: Effect, known: Intervals) -> str:
     if len(ends) < len(amounts):
         return f"how much {spoken(effect.name)} acts is not determined"
     if amounts and all(low <= none <= high for none, (low, high) in ends):
-        return f"{spoken(effect.name)} may be none at all"
+        in_file = any(p.idle is not None for p in effect.parameters)
+        return f"{spoken(effect.name)} may be " + ("the file's" if in_file else "none at all")
     return ""
 
 

@@ -77,6 +77,26 @@ class Prior:
         """What the machine file says: its values, each with its tolerance."""
         return cls(np.zeros(count), np.eye(count))
 
+    def among(self, names: Sequence[str], others: Sequence[str]) -> Prior:
+        """The same of other coordinates: of those that are gone whatever they are, and of new ones
+        what the machine file says.
+
+        Args:
+            names: (k,) of the coordinates.
+            others: of the other ones.
+        """
+        stay = [i for i, name in enumerate(names) if name in others]
+        gone = [i for i, name in enumerate(names) if name not in others]
+        p = self.precision
+        beside = np.linalg.solve(p[np.ix_(gone, gone)], p[np.ix_(gone, stay)])
+        place = [list(others).index(names[i]) for i in stay]
+        found = Prior.of_file(len(others))
+        found.mean[place] = self.mean[stay]
+        found.precision[np.ix_(place, place)] = (
+            p[np.ix_(stay, stay)] - beside.T @ p[np.ix_(gone, stay)]
+        )
+        return found
+
 
 class GreyBox:
     """A machine and effects, as a function of coordinates.
@@ -163,9 +183,11 @@ class GreyBox:
         return {n for n, is_far in zip(self.uncertain, beyond, strict=True) if is_far}
 
     def changed_by(self, effect: Effect) -> set[str]:
-        """The machine's own parameters that an effect changes."""
+        """The machine's own parameters that an effect changes, or takes the place of: those of a
+        known effect of its name.
+        """
         worn = effect.change_parameters(self.physics, self.nominal, effect.typical)
-        return {n for n, value in self.nominal.items() if worn[n] != value}
+        return {n for n, value in self.nominal.items() if worn.get(n) != value}
 
     def at_rest(self, experiment: Experiment, noise: float) -> bool:
         """Whether the machine stood still at the first sample."""

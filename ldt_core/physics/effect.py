@@ -341,7 +341,7 @@ class Effect:
         """
         parameters, typical = [], dict(known)
         for p in self.parameters:
-            parameters.append(replace(p, default=known[p.name]))
+            parameters.append(replace(p, default=known[p.name], idle=p.default))
             if p.name in self.typical and p.default is not None:
                 far = self.typical[p.name]
                 moved = far * known[p.name] if p.default == 1 else far + known[p.name] - p.default

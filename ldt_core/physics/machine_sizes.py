@@ -87,8 +87,9 @@ def is_limit(p: Parameter) -> bool:
 
 
 def is_amount(p: Parameter) -> bool:
-    """Whether it says how much of an effect there is: neutral at 0, or at a factor of 1."""
-    return not p.cyclic and (p.default == 0 or (logarithmic(p) and not is_limit(p)))
+    """Whether it says how much of an effect there is: none at 0, or at a factor of 1."""
+    none = p.default if p.idle is None else p.idle
+    return not p.cyclic and (none == 0 or (logarithmic(p) and not is_limit(p)))
 
 
 def most_of(values: Mapping[str, float], most_voltage: float) -> dict[str, float]:

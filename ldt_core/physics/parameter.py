@@ -33,6 +33,8 @@ class Parameter:
         scale: typical size, for scaling a fit and for a first guess away from 0.
         relative: where it may be 0 but is not, a fit changes it by factors all the same.
         meant: largest size that a person can mean who types it; more is a slip of the unit.
+        idle: of an effect that is known to act, whose default is what is known: the value of no
+            effect, where there is one.
 
     Raises:
         OptionError: a name or unit that is no text, or a negative scale.
@@ -48,6 +50,7 @@ class Parameter:
     scale: float | None = None
     relative: bool = False
     meant: float = math.inf
+    idle: float | None = None
 
     def __post_init__(self) -> None:
         for what, text in (("name", self.name), ("unit", self.unit)):

@@ -213,7 +213,8 @@ class Candidates:
         with suppress(*UNLEARNABLE):
             search = start.search_on(told)
             for effect in numbers_of_file(start.machine):
-                seen_in = {CONSTANT} if effect.name in GAINS else start.box.changed_by(effect)
+                seen_in = start.box.changed_by(effect)
+                seen_in |= {CONSTANT} if effect.name in GAINS else set()
                 if effect.name not in start.given and not moved.isdisjoint(seen_in):
                     found.append((yield from search.beside(start.present, effect)))
         price = math.log(sum(map(len, told)))

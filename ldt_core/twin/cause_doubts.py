@@ -10,6 +10,8 @@ import math
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 
+import numpy as np
+
 from ldt_core.base.arrays import Array
 from ldt_core.base.errors import OptionError
 from ldt_core.base.experiment import Experiment, rms
@@ -224,11 +226,14 @@ def explained_without(
     model: GreyBoxModel, effect: Effect, experiments: Sequence[Experiment]
 ) -> tuple[str, float] | None:
     """The machine's own parameter that is then farthest from the file's, and by how many
-    tolerances, where these and the other effects explain experiments as well.
+    tolerances, where these and the other effects explain experiments as well. An effect that the
+    file knows acts as there.
     """
     rest = tuple(e for e in model.effects if e is not effect)
     with suppress(*UNLEARNABLE):
-        found = _refined(model, rest, model.given, experiments)
+        known = [(e, values) for e, values in model.machine.effects if e.name == effect.name]
+        machine = model.machine.with_effects(known) if known else None
+        found = _refined(model, rest, model.given, experiments, machine)
         if found.explains:
             return found.box.farthest(found.fit.q)
     return None
@@ -260,17 +265,20 @@ def _refined(
 
     Args:
         machine: with effects that are known to act; None for the model's.
-        prior: of the machine's coordinates; None for what the file says.
+        prior: of the model's machine coordinates; None for what the file says.
 
     Raises:
         LdtError: too few samples.
     """
     acting = {e.name: dict(given[e.name]) for e in effects}
-    own = model.q[: len(model.box.uncertain)]
     search = model.search_on(experiments)
     machine = machine or model.machine
-    near = GreyBox(machine, effects, machine.tolerances).coordinates(acting, own)
-    begin = Present(effects, acting, prior or model.present.prior)
+    box, names = GreyBox(machine, effects, machine.tolerances), model.box.uncertain
+    # What the file knows of an effect is no coordinate where its values are given as exact.
+    own = dict(zip(names, model.q[: len(names)].tolist(), strict=True))
+    near = box.coordinates(acting, np.array([own.get(n, 0.0) for n in box.uncertain]))
+    known = (prior or model.present.prior).among(names, box.uncertain)
+    begin = Present(effects, acting, known)
     about = machine.tolerances, search.experiments, search.noise, search.workers
     with one_thread():
         return finished(StructureSearch(machine, *about).refined(begin, near))

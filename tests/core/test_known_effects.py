@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,12 +12,14 @@ from ldt_core.advice.machine_estimate import estimate_machine
 from ldt_core.base.errors import MachineFileError, OptionError
 from ldt_core.diagnosis.library import library
 from ldt_core.effects import EFFECTS, get_effect, parse_effect
+from ldt_core.estimation.grey_box import Prior
 from ldt_core.machine import Plant
 from ldt_core.machine.machine_file import Machine, machine_from_dict
 from ldt_core.models.diagnosed import DiagnosedModel
 from ldt_core.models.grey_box import GreyBoxModel
 from ldt_core.models.hybrid import HybridModel
 from ldt_core.models.physics import PhysicsModel
+from ldt_core.physics.machine_sizes import is_amount
 from ldt_core.restart.run_key import key_text
 from tests.motors import all_but
 
@@ -294,5 +297,64 @@ def test_a_known_effect_that_is_as_the_file_says_has_not_gone():
     """It acts as before: the twin only takes it for no other than the file's any more."""
     plain = GreyBoxModel(motor(effects=FRICTION))
     grown = {**plain.parameters, "effects": {"coulomb_friction": {"torque": 0.05}}}
+    grown["intervals"] = {"coulomb_friction": {"torque": [0.048, 0.052]}}
     words = plain.change(GreyBoxModel(plain.machine, grown, 1))
     assert words == "coulomb friction is the file's again"
+
+
+def test_a_known_effect_may_change_again_and_again():
+    """A file from `ldt calibrate --with`: all that is known has a deviation.
+
+    That the friction may act as before was asked of a machine with fewer unknowns, by what was
+    known of more: the twin learned nothing for the rest of its life.
+    """
+    leads = {"name": "source_resistance", "parameters": {"resistance": {"value": 0.3, "std": 0.05}}}
+    both = {"voltage": {"kind": "steps", "low": -12, "high": 12, "hold": 0.4}, "noise": 0.05}
+    machine = motor(effects=[*LOOSE, leads], simulation=both)
+    twin, said, number = ldt.Twin(machine), [], 0
+    for torque in (0.03, 0.1, 0.2, 0.06):
+        use = {"coulomb_friction": {"torque": torque}}
+        for e in ldt.simulate(machine, 2, effects=use, seed=5):
+            number += 1
+            step = twin.step(replace(e, number=number, start=10.0 * number))
+            if step.signal.state != "holds":
+                said.append(step.adaptation.reason)
+    first, second, third = said
+    assert "coulomb friction has grown to 0.1" in first
+    assert "coulomb friction has grown to 0.2" in second
+    assert "coulomb friction has fallen to 0.06" in third
+    assert not any(
+        "not told apart" in words and "coulomb_friction.torque" in words for words in said
+    )
+
+
+def test_a_known_effect_of_the_machines_numbers_takes_the_place_of_its_own():
+    """What a change of it moves is seen in its own number, too: no KeyError ends a search."""
+    leads = {"name": "source_resistance", "parameters": {"resistance": {"value": 0.3, "std": 0.05}}}
+    model = GreyBoxModel(motor(effects=[leads]))
+    moved = model.box.changed_by(model.machine.effect("source_resistance"))
+    assert moved == {"R", "source_resistance.resistance"}
+    gain = {"name": "input_gain", "parameters": {"factor": {"value": 1.02, "std": 0.05}}}
+    model = GreyBoxModel(motor(effects=[gain]))
+    assert model.box.changed_by(model.machine.effect("input_gain")) == {"input_gain.factor"}
+
+
+def test_how_much_of_an_effect_there_is_does_not_depend_on_what_is_known():
+    """A friction of 0.03 N m is as much an amount as one of 0; a width is none either way."""
+    law, known = (
+        get_effect("stribeck_friction"),
+        {"stribeck_friction": {"torque": 0.03, "static": 0.04}},
+    )
+    given = [{"name": n, "parameters": p} for n, p in known.items()]
+    about = motor(effects=given).effect("stribeck_friction")
+    amounts = {p.name: is_amount(p) for p in law.parameters}
+    assert {p.name: is_amount(p) for p in about.parameters} == amounts
+    assert True in amounts.values()
+
+
+def test_what_is_known_of_coordinates_holds_for_those_that_stay():
+    """Of the others whatever they are; a new one is the file's."""
+    known = Prior(np.array([1.0, 2.0]), np.linalg.inv([[2.0, 0.5], [0.5, 1.0]]))
+    found = known.among(["a", "b"], ["new", "a"])
+    assert found.mean.tolist() == [0.0, 1.0]
+    assert np.linalg.inv(found.precision) == pytest.approx(np.diag([1.0, 2.0]))
