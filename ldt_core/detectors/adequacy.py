@@ -13,7 +13,8 @@ from ldt_core.base.errors import OptionError
 from ldt_core.base.experiment import Experiment, Level, Samples, Signal
 from ldt_core.detectors.base import Detector, declared
 from ldt_core.detectors.excited_range import Hull, hull, inside, is_hull, joined, samples_within
-from ldt_core.estimation.misfit import MOST_LOG, STRETCH, Misfit, Setting, misfit, setting
+from ldt_core.estimation.far_samples import MOST_LOG
+from ldt_core.estimation.misfit import STRETCH, Misfit, Setting, misfit, setting
 from ldt_core.estimation.noise import UsualNoise, sensor_step
 
 #: Exponents of the bets on ranks (Vovk, Gammerman, Shafer, "Algorithmic Learning in a Random
@@ -72,10 +73,11 @@ class Adequacy(Detector):
     **Guarantee.** While the model in force is the machine's, the mean number of experiments to a
     false positive is at least `false_alarm_every`, if the noise is symmetric about zero and
     independent from sample to sample and of the voltage before. Its law and its scale may be any,
-    and differ from sample to sample, but samples beyond `misfit.FAR` deviations come in no bursts:
-    given how many there are, any order is as likely. Experiments may have any length and any
-    excitation. (Where a prediction begins at a measured sample, its noise must not exceed all
-    others'.) Proof: given the past, an experiment's e-value e_n has mean 1 or less
+    and differ from sample to sample, but samples beyond `far_samples.FAR` deviations come in no
+    bursts, and those beyond half of it not behind the voltage's steps: given how many there are,
+    any order is as likely. Experiments may have any length and any excitation. (Where a prediction
+    begins at a measured sample, its noise must not exceed all others'.) Proof: given the past, an
+    experiment's e-value e_n has mean 1 or less
     (`estimation.misfit`; what the model claims comes from the past). A positive needs
     M_n = e_n max(M_(n-1), 1) >= A = `false_alarm_every`. M is an e-detector of the CUSUM type:
     M_n <= e_n (M_(n-1) + 1) <= S_n for the Shiryaev-Roberts sum S_n = e_n (S_(n-1) + 1), and

@@ -18,6 +18,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldt_core.base.arrays import Array
+from ldt_core.estimation.far_samples import (
+    FAR,
+    LARGE_STEP,
+    MOST_LOG,
+    ROUNDING,
+    far_behind_steps,
+    in_blows,
+)
 from ldt_core.estimation.noise import (
     NORMAL_MEDIAN,
     ROUGHER,
@@ -51,16 +59,8 @@ CLEAR = 1.0
 #: Deviations of chance: beyond three a true model does not explain, as above; two are the usual
 #: doubt whether an experiment tells enough.
 BY_CHANCE, DOUBT = 3.0, 2.0
-#: Two neighbours beyond so many deviations of the noise on one side are no noise of any usual law.
-#: With half of it, noise in proportion to the speed would come in blows.
-FAR = 10.0
 #: Bets on the sign of a sample of `FAR` deviations: what is won or lost, of what one has.
 BETS = (-0.9, -0.5, 0.5, 0.9)
-#: Samples within which far ones lie close together in a blow, and how many times the odds are
-#: higher there, of the blows that the e-value is sensitive to.
-CLOSE, CLOSER = (1, 5, 25), (2.0, 8.0, 32.0)
-#: Part of the largest step of the voltage from which on a step counts as a large one.
-LARGE_STEP = 0.5
 #: Samples up to which a swing near half the sample rate is asked whether it remembers itself, and
 #: deviations of their products' sum that fair signs exceed at one of these once in a million.
 LAGS = 8
@@ -68,15 +68,11 @@ REMEMBERED = math.sqrt(2 * math.log(2e6 * LAGS))
 #: Noise [of a sensor's step] from which on its rounding is white: half a step of noise, and with it
 #: the rounding's own deviation.
 NOISY = math.sqrt(0.25 + ROUNDED**2)
-#: Roughness [of the residual's largest value] below which it is rounding and no noise.
-ROUNDING = 1e-9
 #: Mean square [(rad/s)^2] of a residual that vanishes altogether; a division by it is a number.
 LEAST_SQUARE = 1e-200
 #: Part of an error in the first sample below which what is left of it tells nothing.
 LEAST_LEFT = 1e-3
 LEAST_MOVE = 1e-150  # V; what follows less would be told in numbers beyond floating point
-#: Largest logarithm of an e-value: sums and products of two are still numbers.
-MOST_LOG = 300.0
 
 
 @dataclass(frozen=True)
@@ -297,8 +293,8 @@ def misfit(residual: Array, deviation: Array | None = None, under: Setting | Non
         swings = _signed(apart, TOLERATED_SWING)[0] if apart.size else 1.0
         evidence = (2 * evidence + _followed(row, under.moves) + swings) / 4
         quiet = under.quiet / math.sqrt(noise)
-        far = far or _far_behind_steps(row, under.moves)
-    blows = _in_blows(told, quiet, claimed)
+        far = far or far_behind_steps(row, under.moves)
+    blows = in_blows(told, quiet, claimed, None if under is None else under.moves)
     # What comes in blows is no noise, rough as it is: the sensor's is.
     own = min(quiet or 1.0, 1.0) if blows > EXPLAINED else 1.0
     return Misfit(
@@ -345,35 +341,6 @@ def _signed(products: Array, tolerated: float) -> tuple[float, float]:
     return float(np.mean(levels)), whole
 
 
-def _in_blows(row: Array, quiet: float, claimed: Array) -> float:
-    """e-value of how close together the far samples of (L,) lie, given how many are far.
-
-    In any order equally likely, the next sample is far with the chance of those that are left. Bets
-    that the odds are higher soon after a far one multiply to an e-value (Shafer, "Testing by
-    betting", Journal of the Royal Statistical Society A 184, 2021).
-
-    Args:
-        quiet: deviation of the sensor's noise, in the unit of the row; 0 takes the samples' own.
-        claimed: (L,) variance beyond it that the model claims, in that unit. What is far lies `FAR`
-            deviations of both from zero.
-    """
-    size = np.abs(row)
-    noise = max(quiet or float(np.median(size)) / NORMAL_MEDIAN, ROUNDING)
-    out = size > FAR * np.sqrt(noise**2 + claimed)
-    count = int(np.count_nonzero(out))
-    if count < 2:
-        return 1.0
-    at = np.arange(row.size)
-    chance = (count - np.cumsum(out) + out) / (row.size - at)
-    before = np.concatenate([[-row.size], np.maximum.accumulate(np.where(out, at, -row.size))[:-1]])
-    won = []
-    for within in CLOSE:
-        near = at - before <= within
-        together, odds = np.count_nonzero(out & near), chance[near]
-        won += [together * math.log(k) - float(np.sum(np.log1p((k - 1) * odds))) for k in CLOSER]
-    return float(1 + np.mean(np.exp(np.minimum(won, MOST_LOG)))) / 2  # half is not bet
-
-
 def _followed(row: Array, moves: Array) -> float:
     """e-value of bets on the signs of (L,) samples times each of the (L, m) movements."""
     size = np.abs(moves)
@@ -389,12 +356,3 @@ def _followed(row: Array, moves: Array) -> float:
     tolerated = math.sqrt(TOLERATED) * min(1.0 / most, 1.0 / FAR) * row.size * usual
     won = np.stack([np.sum(np.log1p(b * signs), axis=0) - abs(b) * tolerated for b in BETS])
     return float(np.mean(np.exp(np.minimum(won, MOST_LOG))))
-
-
-def _far_behind_steps(row: Array, moves: Array) -> bool:
-    """Whether most samples behind large steps of the voltage lie beyond their part of `FAR`."""
-    for step in np.abs(moves[:, 1:]).T:
-        large = step > LARGE_STEP * float(step.max())
-        if large.any() and np.mean(np.abs(row[large]) > LARGE_STEP * FAR) > 0.5:
-            return True
-    return False
