@@ -26,6 +26,7 @@ from ldt_core.base.threads import spread
 from ldt_core.estimation.fitted_structure import SURPRISING, FittedStructure
 from ldt_core.estimation.grey_box import GreyBox, Prior
 from ldt_core.estimation.grey_box_fit import GreyBoxFit, fit_grey_box
+from ldt_core.estimation.misfit import BY_CHANCE
 from ldt_core.estimation.structure_screening import (
     STRONGEST,
     WEAKEST,
@@ -61,15 +62,17 @@ SURELY = 100.0
 HOPED = 2.0
 
 
-def _told(box: GreyBox, fit: GreyBoxFit, expected: Array) -> Array:
+def _told(box: GreyBox, fit: GreyBoxFit, near: Array | None) -> Array:
     """(n,) coordinates of a fit, those of effects where they are expected if that hardly costs.
 
     What an experiment does not tell, a fit may move anywhere: friction backward, where a shaft has
-    turned forward. Less than one squared deviation of noise tells nothing.
+    turned forward. Less than one squared deviation of noise tells nothing. Where a value is known,
+    nor does one that by chance might as well be none.
     """
-    q = fit.q.copy()
+    q, expected = fit.q.copy(), np.zeros(box.size) if near is None else near
     for j in box.sized:
-        if (q[j] - expected[j]) ** 2 * fit.information[j, j] < 1.0:
+        told, alone = (far**2 * fit.information[j, j] for far in (q[j] - expected[j], q[j]))
+        if told < 1.0 or (near is not None and max(told, alone) < BY_CHANCE**2):
             q[j] = expected[j]
     return q
 
@@ -115,7 +118,7 @@ class StructureSearch(Screening):
     ) -> Pausable[FittedStructure]:
         fit = yield from fit_grey_box(self.problem(box, prior), starts, near=near, sized=sized)
         yield box.work.taken()
-        fit = replace(fit, q=_told(box, fit, np.zeros(box.size) if near is None else near))
+        fit = replace(fit, q=_told(box, fit, near))
         own = box.size - len(box.uncertain)
         return FittedStructure(box, fit, prior, fit.cost + own * math.log(self._samples))
 
