@@ -256,6 +256,9 @@ class EffectSetSearch(SetFits):
             self._scout(() if self.spent else tries)
             if self.spent or self._best(count)[0] is best:
                 break
+        best = self._best(count)[0]
+        if not (self.spent or self.leaves_noise(best)):
+            self._scout(self._with_fuller_laws(best))
         self._prune(self._best(count)[0])
 
     def _prune(self, best: EffectFit) -> None:
@@ -317,6 +320,29 @@ class EffectSetSearch(SetFits):
             for c in self.candidates:
                 if c.name in names and given.keys() >= c.effect.neutral.keys():
                     tries.append(self._with(rest, c, c.coordinates(given)))
+        return tries
+
+    def _with_fuller_laws(self, base: EffectFit) -> list[TriedSet]:
+        """Sets with a relative of more parameters in the place of a member, begun where that ended.
+
+        A gear with play, alone, has many minima; beside the coupling that it nearly is, one is near.
+        """
+        tries = []
+        for i, member in enumerate(base.effects):
+            given = member.given(base.z[i])
+            for c in self.candidates:
+                same = member.effect.family and c.effect.family == member.effect.family
+                if not same or not given.keys() < c.effect.neutral.keys() or c.name in base.names:
+                    continue
+                begun = [c.coordinates({**c.given(z), **given}) for z in c.starts()]
+                begun = list({z.tobytes(): z for z in begun}.values())
+                rest = [*base.use[:i], *base.use[i + 1 :]]
+                uses = [[(c.effect, c.given(z)), *rest] for z in begun]
+                left = [float(r @ r) for r in self.scout.of_all(uses, starts=base.starts)]
+                for k in np.argsort(left)[:ADDED]:
+                    members, z = list(base.effects), list(base.z[: len(base.effects)])
+                    members[i], z[i] = c, begun[k]
+                    tries.append(TriedSet(members, z, base.starts))
         return tries
 
     def _with_plainer_laws(self, base: EffectFit) -> list[EffectFit]:

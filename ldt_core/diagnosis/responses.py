@@ -262,10 +262,7 @@ def following(base: EffectFit) -> Array:
 
 
 def best_alone(d: Responses, i: int) -> list[Array]:
-    """Coordinates of candidate i from which to fit: best as simulated, and best when scaled.
-
-    As many as it has parameters, and two at least: with more of them, a fit has more minima.
-    """
+    """Coordinates of candidate i from which to fit: best as simulated, and best when scaled."""
     own = np.flatnonzero(d.owner == i)
     if own.size == 0:
         return []
@@ -274,9 +271,9 @@ def best_alone(d: Responses, i: int) -> list[Array]:
     scale = strength(target, size)
     scaled = scale**2 * size - 2 * scale * target
     first, c = int(np.argmin(exact)), d.candidates[i]
-    found, most = [d.z[own[first]]], max(len(c), 2)
+    found = [d.z[own[first]]]
     for k in np.argsort(scaled):
-        if len(found) < most and (k != first or abs(scale[k] - 1) > OTHER_START):
+        if len(found) < 2 and (k != first or abs(scale[k] - 1) > OTHER_START):
             found.append(c.scaled(d.z[own[k]], float(scale[k])))
     return found
 
