@@ -24,10 +24,10 @@ from ldt_core.physics.lanes import WIDTH
 STEPS = 12  # least-squares steps of one fit: from good starts, more gain nothing
 STEPS_TO_START_STATES = 4  # least-squares steps after which start states are estimated again
 PRECISION = 1e-5  # of the loss: a step that gains less ends the fit
-# Of a coordinate, to begin with. From the starts of a gear's play in four sealed cases, the best fits
-# leave 5.7, 6.9, 5.6 and 1.6 % of the loss; with 0.15 they leave 1.3, 6.5, 4.7 and 1.6, and with
-# `DIFFERENCE_STEP` 13, 9.1, 6.5 and 8.3.
-COARSE_DIFFERENCE = 0.05
+# Of a coordinate, to begin with, beside an effect with blows: by shorter ones a fit stays where it
+# begins. From the starts of a gear's play in four sealed cases, the best fits leave 5.7, 6.9, 5.6
+# and 1.6 % of the loss; by 0.15 they leave 1.3, 6.5, 4.7 and 1.6, by 0.001 13, 9.1, 6.5 and 8.3.
+LONG_DIFFERENCE = 0.05
 START_STATE_ROUNDS = 4  # in which start states and parameters are fitted in turn, at most
 START_STATE_GAIN = 0.02  # of the loss: a round that gains less is the last
 GAIN_IN_VIEW = 0.5  # of what own start angles have to gain: they are sought where so much shows
@@ -203,6 +203,8 @@ class _SetFit:
         self.margin = 1e-7 * np.maximum(1.0, np.minimum(self.high - self.low, 1.0))
         self.sizes = np.concatenate([c.differences for c in members])
         self.steady = np.concatenate([np.full(len(c), c.steady) for c in members])
+        blows = ~self.steady & any(c.effect.blows for c in members)
+        self.longest = np.where(blows, LONG_DIFFERENCE, self.sizes)
         alike = Counter((len(e), e.period) for e in residuals.experiments)
         self.abreast = WIDTH / max(alike.values(), default=1)
 
@@ -224,8 +226,9 @@ class _SetFit:
         def rows(points: list[Array]) -> list[Array]:
             return self.rows(points, starts)
 
-        coarse = np.where(self.steady, self.sizes, COARSE_DIFFERENCE)
-        search = ForwardDifferences(rows, self.sizes, self.high, self.steady, self.abreast, coarse)
+        search = ForwardDifferences(
+            rows, self.sizes, self.high, self.steady, self.abreast, self.longest
+        )
         about = self.within(z), self.low, self.high, search.jacobian, search.residual_alone
         accuracy: dict[str, Any] = {"ftol": self.precision, "xtol": 1e-6, "gtol": 1e-8}
         found = trust_region(search.residual, *about, **accuracy, max_nfev=count)

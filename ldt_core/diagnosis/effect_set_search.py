@@ -1,11 +1,10 @@
 """The sets of effects that explain a recording best, one, two and three at a time.
 
-Every effect alone, then the pairs and triples that the responses promise; `SetFits` fits them.
+Every effect alone, then the pairs and triples that the responses promise; `SetFits` fits them, and
+`RelatedSets` has what may stand in a member's place.
 """
 
 from __future__ import annotations
-
-from collections.abc import Collection, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,10 +13,11 @@ from ldt_core.base.arrays import Array
 from ldt_core.diagnosis.candidate import START_SHAPES, Candidate
 from ldt_core.diagnosis.effect_fit import EffectFit
 from ldt_core.diagnosis.model_selection import FittedSets
+from ldt_core.diagnosis.related_sets import RelatedSets
 from ldt_core.diagnosis.responses import Responses, best_alone, rank_pairs, simulate_all
 from ldt_core.diagnosis.ripple_orders import begun_at
 from ldt_core.diagnosis.scouting import looked_at, of_each_kind
-from ldt_core.diagnosis.set_fits import COMPARED, FAR_OFF, HIDDEN, SetFits, TriedSet
+from ldt_core.diagnosis.set_fits import COMPARED, FAR_OFF, HIDDEN, TriedSet
 from ldt_core.diagnosis.thresholds import THRESHOLDS
 
 # Which sets are tried, to save time.
@@ -32,12 +32,11 @@ RIVALS = 6  # effects that may take the place of a member of the chosen set
 FINISHED_RIVALS = 6  # sets that differ from the chosen one in one member
 RIVAL_CLOSE = 0.7  # of the best promise: what a rival reaches
 SIZE_TRIED_ANYWAY = 3  # effects: sets up to this size are tried even where the last did not help
-AS_STRONG = (0.6, 0.8, 1.0, 1.3, 1.7)  # of a start: what lies between it and the next
 PROMISED = 0.5  # of what a further effect must explain: to first order, a promise may be half
 WORTH_A_FIT = 0.1  # of the power left: what the response of such an addition promises
 
 
-class EffectSetSearch(SetFits):
+class EffectSetSearch(RelatedSets):
     """The search on one residuals; arguments as of `SetFits`."""
 
     def run(self) -> FittedSets:
@@ -306,79 +305,6 @@ class EffectSetSearch(SetFits):
         turned = self.responses.with_free_phase
         kept = [(c, z) for c, z in enough_for if c.name not in turned][:count]
         return [(c, z) for c, z in enough_for[:count] if c.name in turned] + kept
-
-    def _in_place(self, base: EffectFit, of: Mapping[str, Collection[str]]) -> list[TriedSet]:
-        """Sets with another effect in the place of a member, by the member's name."""
-        tries = []
-        for leave, member in enumerate(base.effects):
-            names = set(of.get(member.name, ())) - set(base.names)
-            rest = self._without(base, leave) if names else base
-            ranked = self.responses.promised_beside(rest) if names else ()
-            tries += [self._with(rest, c, z) for c, z, _ in ranked if c.name in names]
-            # A law of the same parameters, or of fewer, begins where the member's fit has ended.
-            given = member.given(base.z[leave])
-            for c in self.candidates:
-                if c.name in names and given.keys() >= c.effect.neutral.keys():
-                    tries.append(self._with(rest, c, c.coordinates(given)))
-        return tries
-
-    def _with_fuller_laws(self, base: EffectFit) -> list[TriedSet]:
-        """Sets with a relative of more parameters in the place of a member, begun where that ended.
-
-        A gear with play, alone, has many minima; beside the coupling that it nearly is, one is near.
-        """
-        tries = []
-        for i, member in enumerate(base.effects):
-            given = member.given(base.z[i])
-            for c in self.candidates:
-                same = member.effect.family and c.effect.family == member.effect.family
-                if not same or not given.keys() < c.effect.neutral.keys() or c.name in base.names:
-                    continue
-                begun = [c.coordinates({**c.given(z), **given}) for z in c.starts()]
-                begun = list({z.tobytes(): z for z in begun}.values())
-                rest = [*base.use[:i], *base.use[i + 1 :]]
-                uses = [[(c.effect, c.given(z)), *rest] for z in begun]
-                left = [float(r @ r) for r in self.scout.of_all(uses, starts=base.starts)]
-                for k in np.argsort(left)[:ADDED]:
-                    members, z = list(base.effects), list(base.z[: len(base.effects)])
-                    members[i], z[i] = c, begun[k]
-                    tries.append(TriedSet(members, z, base.starts))
-        return tries
-
-    def _with_plainer_laws(self, base: EffectFit) -> list[EffectFit]:
-        """Sets with relatives of fewer parameters in the place of one member, or of several."""
-        found = {frozenset(base.names): base}
-        for fitted in (asked := [base]):
-            fewer = {
-                m.name: [
-                    c.name
-                    for c in self.candidates
-                    if m.effect.family and c.effect.family == m.effect.family and len(c) < len(m)
-                ]
-                for m in fitted.effects
-            }
-            new = self._scout(self._in_place(fitted, fewer))
-            asked += [f for f in new if frozenset(f.names) not in found]
-            found |= {frozenset(f.names): f for f in new}
-        return list(found.values())[1:]
-
-    def _with_twins(self, base: EffectFit) -> list[TriedSet]:
-        """Sets with a twin in the place of a member, all else as it is: as strong as the member."""
-        tries, known = [], {c.name: c for c in self.candidates}
-        for i, member in enumerate(base.effects):
-            names = sorted(self.twins.get(member.name, set()) - set(base.names))
-            rest = [*base.use[:i], *base.use[i + 1 :]]
-            whole, without = self.scout.of_all([base.use, rest]) if names else ((), ())
-            for name in names:
-                twin = known[name]
-                start = self.responses.likest(twin, np.subtract(without, whole))
-                starts = [twin.scaled(start, k) for k in AS_STRONG]
-                left = self.scout.of_all([[(twin.effect, twin.given(z)), *rest] for z in starts])
-                nearest = starts[int(np.argmin([float(r @ r) for r in left]))]
-                members, z = list(base.effects), list(base.z[: len(base.effects)])
-                members[i], z[i] = twin, nearest
-                tries.append(TriedSet(members, z, base.starts))
-        return tries
 
     def _from_parts(self, base: EffectFit) -> None:
         """Fit a set once more from each of its parts, as that alone would have it.

@@ -208,6 +208,7 @@ BACKLASH = Effect(
     initial=_far_end_like_near,
     needs=("J",),
     fastest=_backlash_rate,
+    blows=True,
     reference="Nordin, Gutman, Controlling mechanical systems with backlash, a survey, "
     "Automatica 38 (2002) 1633",
 )

@@ -189,9 +189,9 @@ class ForwardDifferences:
         residuals: points (p,) -> of each (N,): all at once, for what computes several together.
         step: (p,) of the coordinates, or one for all.
         high: (p,) upper bounds.
-        coarse: (p,) steps to begin with, or one for all; None for `step`. Where laws have corners,
-            such as a blow, a short quotient tells of the corner and a long one of what is behind.
-            Later ones are a part of the last move.
+        longest: (p,) steps to begin with, or one for all; None for `step`. Where laws have corners,
+            a short quotient tells of the corner, and a long one of what is behind. Later ones are a
+            part of the last move.
         steady: (p,) coordinates, in deviations of what is known of them, whose derivative hardly
             changes: it is found anew once one of them has moved by `KEPT_MOVE`. None for none.
         abreast: points that are computed in the time of one.
@@ -204,15 +204,15 @@ class ForwardDifferences:
         high: Array,
         steady: NDArray[np.bool_] | None = None,
         abreast: float = 1.0,
-        coarse: Array | float | None = None,
+        longest: Array | float | None = None,
     ) -> None:
         self._residuals, self._high, self._abreast = residuals, high, abreast
         self._steady = np.zeros(high.size, bool) if steady is None else steady
         self._found: Array | None = None
         self._found_at = np.zeros(0)
         self._step = np.broadcast_to(np.asarray(step, dtype=np.float64), high.shape)
-        most = self._step if coarse is None else coarse
-        self._coarse = np.maximum(np.broadcast_to(most, high.shape), self._step)
+        most = self._step if longest is None else longest
+        self._longest = np.maximum(np.broadcast_to(most, high.shape), self._step)
         self._asked_at: Array | None = None
         #: Points where residuals were found last, the first of them where it was asked for.
         self._last: list[tuple[Array, Array]] = []
@@ -240,10 +240,10 @@ class ForwardDifferences:
 
     def _moved(self, z: Array, coordinates: Sequence[int]) -> list[Array]:
         found = [z.copy() for _ in coordinates]
-        steps = self._coarse
+        steps = self._longest
         if self._asked_at is not None:
             moved = PART_OF_MOVE * np.abs(z - self._asked_at)
-            steps = np.clip(moved, self._step, self._coarse)
+            steps = np.clip(moved, self._step, self._longest)
         for j, there in zip(coordinates, found, strict=True):
             step = float(steps[j])
             there[j] += step if z[j] + step <= self._high[j] else -step

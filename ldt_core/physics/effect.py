@@ -94,16 +94,15 @@ class Effect:
             machine's, a diagnosis names a second one of a family only on stronger evidence.
         most_factor: times its value that a parameter may have become, for a diagnosis; with more,
             it takes the machine for another one. An amount may be so much smaller, too.
-        search: values of parameters that a diagnosis begins its search with, every combination;
-            for those that are not named it takes values about their scale.
+        search: values of parameters that a diagnosis begins with, every combination; for those
+            that are not named it takes values about their scale.
+        blows: whether parts of it meet; fits then take slopes over longer differences.
         detailed: the same law in more detail, an effect of the same name with further parameters.
-            It acts where one of them is given; a diagnosis tries it where the plain law falls
-            short. It may have a finer one in turn, which a diagnosis does not name: a twin that
-            predicts by it claims less.
+            It acts where one is given; a diagnosis tries it where the plain law falls short. It may
+            have a finer one in turn, which is not named: a twin that predicts by it claims less.
 
     Raises:
-        OptionError: not exactly one function, nor torque and terminal; or a parameter without
-            default.
+        OptionError: not one function, nor torque and terminal; a parameter without default.
     """
 
     name: str
@@ -124,6 +123,7 @@ class Effect:
     family: str = ""
     most_factor: float = 20.0
     search: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    blows: bool = False
     detailed: Effect | None = None
 
     def __post_init__(self) -> None:

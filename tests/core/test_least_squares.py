@@ -48,14 +48,14 @@ def test_full_steps_make_nothing_worse(x, y, evaluations):
 def test_long_quotients_pass_over_corners_and_grow_short_at_the_end(start):
     """Short ones stay on the first corner; where nothing has corners, the slopes are exact."""
 
-    def ended(height, coarse):
+    def ended(height, longest):
         def rows(points):
             return [
                 np.array([z[0] - 1.0, z[1] + z[0] ** 2]) + height * np.abs((50 * z) % 2 - 1)
                 for z in points
             ]
 
-        search = ForwardDifferences(rows, 1e-6, np.full(2, 9.0), coarse=coarse)
+        search = ForwardDifferences(rows, 1e-6, np.full(2, 9.0), longest=longest)
         begun, low, high = np.full(2, start), np.full(2, -9.0), np.full(2, 9.0)
         found = trust_region(search.residual, begun, low, high, search.jacobian)
         return found, float(found.residual @ found.residual)
