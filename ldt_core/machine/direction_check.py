@@ -47,7 +47,7 @@ def _chance(pairs: Sequence[tuple[Array, Array]]) -> float:
     own, both, after = (np.concatenate([r[i] for r in rows]) for i in range(3))
     size = float(np.abs(after).max())
     apart = len(after) - both.shape[1]
-    if apart < 1 or not any(np.ptp(effect) for _, effect in pairs):  # nothing moves that one
+    if apart < 1 or all(effect.min() == effect.max() for _, effect in pairs):  # nothing moves it
         return 1.0
     alone, together = (_left(columns, after / size) for columns in (own, both))
     # Below that nothing is left but rounding.
