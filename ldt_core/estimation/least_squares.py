@@ -35,7 +35,9 @@ FAR_STEPS = 4  # pairs of full steps behind a search that descends, as long as t
 LEAST_FAR_GAIN = 1e-6  # of the loss: a pair that gains less is the last
 FAINT = 0.1  # noise deviations by which a combination of coordinates moves the rows, if it counts
 TINY = 1e-300
-PART_OF_MOVE = 0.3  # of a coordinate's last move, over which its derivative is taken
+#: Of a coordinate's last move, over which its derivative is taken. With 0.1, 0.3 and 1 the best
+#: fits of the four gears of `diagnosis.effect_fit` leave 5.3, 5.0 and 4.0 % on average.
+PART_OF_MOVE = 0.3
 
 #: Deviations of a number known to 5 % or so: its slopes change by half a per cent.
 KEPT_MOVE = 0.1
