@@ -13,7 +13,7 @@ from ldt_core.physics.parameter import Parameter
 LEAST_SHARE = 1e-30  # of the inertia at the far end, in place of a division by none
 STEPS_PER_RADIAN = 2  # of a ripple's phase: 13 integration steps a period
 STEPS_PER_CONTACT = 4  # integration steps in a radian of its swing: speeds are 0.1 % off at most
-SOFT = 0.005  # of the slack, to either side of a touch: where the ends' damping comes
+SOFT = 0.005  # of the slack, to either side of a touch: over which the ends' damping comes in
 LEAST_TWIST = 1e-12  # [rad]: in place of a division by none
 
 
