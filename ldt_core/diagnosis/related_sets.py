@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
+from ldt_core.base.arrays import Array
+from ldt_core.diagnosis.candidate import Candidate
 from ldt_core.diagnosis.effect_fit import EffectFit
 from ldt_core.diagnosis.set_fits import SetFits, TriedSet
+from ldt_core.diagnosis.simulated_experiments import StartStates
 
 FULLER = 3  # starts from which a law of more parameters is fitted
 AS_STRONG = (0.6, 0.8, 1.0, 1.3, 1.7)  # of a start: what lies between it and the next
@@ -31,27 +34,50 @@ class RelatedSets(SetFits):
                     tries.append(self._with(rest, c, c.coordinates(given)))
         return tries
 
+    def _relatives(self, member: Candidate) -> list[Candidate]:
+        """Candidates of a member's family, itself among them; none of one that has no family."""
+        family = member.effect.family
+        return [c for c in self.candidates if family and c.effect.family == family]
+
+    def _replaced(
+        self,
+        base: EffectFit,
+        place: int,
+        instead: Candidate,
+        begun: Sequence[Array],
+        count: int,
+        starts: StartStates | None = None,
+    ) -> list[TriedSet]:
+        """Sets with another law in a place, all else as it is, from the starts that leave least.
+
+        Args:
+            begun: coordinates of that law.
+            count: of the sets.
+            starts: with which those coordinates are compared.
+        """
+        rest = [*base.use[:place], *base.use[place + 1 :]]
+        uses = [[(instead.effect, instead.given(z)), *rest] for z in begun]
+        left = [float(r @ r) for r in self.scout.of_all(uses, starts=starts)]
+        tries = []
+        for k in np.argsort(left, kind="stable")[:count]:
+            members, z = list(base.effects), list(base.z[: len(base.effects)])
+            members[place], z[place] = instead, begun[k]
+            tries.append(TriedSet(members, z, base.starts))
+        return tries
+
     def _with_fuller_laws(self, base: EffectFit) -> list[TriedSet]:
         """Sets with a relative of more parameters in the place of a member, begun where that ended.
 
         A gear with play has many minima; near the elastic coupling that it nearly is, one of them.
         """
-        tries = []
+        tries: list[TriedSet] = []
         for i, member in enumerate(base.effects):
             given = member.given(base.z[i])
-            for c in self.candidates:
-                same = member.effect.family and c.effect.family == member.effect.family
-                if not same or not given.keys() < c.effect.neutral.keys() or c.name in base.names:
-                    continue
-                begun = [c.coordinates({**c.given(z), **given}) for z in c.starts()]
-                begun = list({z.tobytes(): z for z in begun}.values())
-                rest = [*base.use[:i], *base.use[i + 1 :]]
-                uses = [[(c.effect, c.given(z)), *rest] for z in begun]
-                left = [float(r @ r) for r in self.scout.of_all(uses, starts=base.starts)]
-                for k in np.argsort(left)[:FULLER]:
-                    members, z = list(base.effects), list(base.z[: len(base.effects)])
-                    members[i], z[i] = c, begun[k]
-                    tries.append(TriedSet(members, z, base.starts))
+            for c in self._relatives(member):
+                if given.keys() < c.effect.neutral.keys() and c.name not in base.names:
+                    begun = [c.coordinates({**c.given(z), **given}) for z in c.starts()]
+                    begun = list({z.tobytes(): z for z in begun}.values())
+                    tries += self._replaced(base, i, c, begun, FULLER, base.starts)
         return tries
 
     def _with_plainer_laws(self, base: EffectFit) -> list[EffectFit]:
@@ -59,11 +85,7 @@ class RelatedSets(SetFits):
         found = {frozenset(base.names): base}
         for fitted in (asked := [base]):
             fewer = {
-                m.name: [
-                    c.name
-                    for c in self.candidates
-                    if m.effect.family and c.effect.family == m.effect.family and len(c) < len(m)
-                ]
+                m.name: [c.name for c in self._relatives(m) if len(c) < len(m)]
                 for m in fitted.effects
             }
             new = self._scout(self._in_place(fitted, fewer))
@@ -73,7 +95,8 @@ class RelatedSets(SetFits):
 
     def _with_twins(self, base: EffectFit) -> list[TriedSet]:
         """Sets with a twin in the place of a member, all else as it is: as strong as the member."""
-        tries, known = [], {c.name: c for c in self.candidates}
+        tries: list[TriedSet] = []
+        known = {c.name: c for c in self.candidates}
         for i, member in enumerate(base.effects):
             names = sorted(self.twins.get(member.name, set()) - set(base.names))
             rest = [*base.use[:i], *base.use[i + 1 :]]
@@ -81,10 +104,6 @@ class RelatedSets(SetFits):
             for name in names:
                 twin = known[name]
                 start = self.responses.likest(twin, np.subtract(without, whole))
-                starts = [twin.scaled(start, k) for k in AS_STRONG]
-                left = self.scout.of_all([[(twin.effect, twin.given(z)), *rest] for z in starts])
-                nearest = starts[int(np.argmin([float(r @ r) for r in left]))]
-                members, z = list(base.effects), list(base.z[: len(base.effects)])
-                members[i], z[i] = twin, nearest
-                tries.append(TriedSet(members, z, base.starts))
+                begun = [twin.scaled(start, k) for k in AS_STRONG]
+                tries += self._replaced(base, i, twin, begun, 1)
         return tries

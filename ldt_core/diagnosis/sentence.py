@@ -18,7 +18,7 @@ from ldt_core.diagnosis.diagnosis import (
 from ldt_core.diagnosis.thresholds import THRESHOLDS
 from ldt_core.physics.effect import Effect
 
-FAULT = "Sensor fault: "  # how a sentence begins that says nothing else
+FAULT = "sensor fault"  # of a sentence that tells one
 COMMON_RANGE = 0.5  # of two ranges together: where both hold more, one of them is said
 WHOLE_GAP = 0.9  # share of the gap in a place: with less, the share is said
 MOST_LEVELS = 8  # of a voltage that somebody sets by hand
@@ -137,9 +137,14 @@ def not_all_alike(left: float, worst: int, noise: float) -> str:
     )
 
 
+def sensor_fault(verdict: Verdict) -> bool:
+    """Whether a sensor's fault is said, which no shorter sentence may hide."""
+    return FAULT in verdict.sentence.lower()
+
+
 def unsought(verdict: Verdict) -> bool:
     """Whether a sensor's fault is all that is said: verdicts on machines are no measure of it."""
-    return verdict.sentence.startswith(FAULT)
+    return verdict.sentence.startswith(f"{FAULT.capitalize()}: ")
 
 
 def not_measured(fault: str, verdict: str) -> str:
@@ -150,8 +155,9 @@ def not_measured(fault: str, verdict: str) -> str:
         verdict: on the experiments before; "" where there are too few.
     """
     if not verdict:
-        return f"{FAULT}{fault}. No cause is sought in a speed that was not measured."
-    return f"{verdict} That is by the experiments before a sensor fault: {fault}."
+        told = f"{FAULT.capitalize()}: {fault}."
+        return f"{told} No cause is sought in a speed that was not measured."
+    return f"{verdict} That is by the experiments before a {FAULT}: {fault}."
 
 
 def _acting(

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from ldt_core.base.sentences import listed, spoken
 from ldt_core.diagnosis.diagnosis import Diagnosis, ParameterAmount
 from ldt_core.diagnosis.nominal import moved, own_part
-from ldt_core.diagnosis.sentence import location
+from ldt_core.diagnosis.sentence import location, sensor_fault
 from ldt_core.views.diagnosis_page.number_format import known, percent, unit_of, value_of
 
 #: Kind of a verdict → words for people.
@@ -18,7 +18,6 @@ WORDS = {
     "ambiguous": "causes not told apart",
     "unknown": "cause unknown",
 }
-SENSOR = "ensor fault"  # of a sentence that says so, which no shorter one may hide
 FACTOR = "factor"  # the parameter of an effect that says how many times the file's number it is
 DIGITS = 2  # of errors: what was measured knows no more
 MOST_DIGITS = 6  # behind the point
@@ -30,7 +29,7 @@ def headline(diagnosis: Diagnosis) -> str:
     "Unbalance, 5.0 ± 0.1 mm, closes 100 % of the gap (1.1 → 0.10 rad/s)."
     """
     verdict, gap = diagnosis.verdict, diagnosis.gap
-    if SENSOR in verdict.sentence:
+    if sensor_fault(verdict):
         return verdict.sentence
     before, after = (value_of(e.rmse, DIGITS) for e in (gap.before, gap.after))
     if no_effect_needed(diagnosis):

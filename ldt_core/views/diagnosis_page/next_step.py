@@ -10,9 +10,10 @@ from ldt_core.base.printable import as_argument
 from ldt_core.base.sentences import listed
 from ldt_core.diagnosis.diagnosis import Diagnosis
 from ldt_core.diagnosis.recorded_units import FITS
+from ldt_core.diagnosis.sentence import sensor_fault
 from ldt_core.effects import EFFECTS
 from ldt_core.machine.machine_file import load_machine
-from ldt_core.views.diagnosis_page.headline import SENSOR, no_effect_needed
+from ldt_core.views.diagnosis_page.headline import no_effect_needed
 
 
 def next_step(diagnosis: Diagnosis, kept: Path) -> tuple[str, str]:
@@ -29,7 +30,7 @@ def next_step(diagnosis: Diagnosis, kept: Path) -> tuple[str, str]:
     if any(FITS in note for note in diagnosis.notes):
         again = f"ldt import TABLE --speed NAME:UNIT ... --out {recordings[0]} --force"
         return "unless the speed's unit and sign are right, import again", again
-    if SENSOR in diagnosis.verdict.sentence:
+    if sensor_fault(diagnosis.verdict):
         told = "mend the sensor, or take the experiments that it has not spoiled"
         few = f"ldt diagnose {' '.join(recordings)} --machine {machine} --only NUMBERS"
         return told, f"{few} --out why_sound"
