@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 from test_counter_anew import COUNTERS, experiments, run, steps
 
-from ldt_core.base.experiment import Experiment, Prediction
+from ldt_core.base.errors import RecordingError
+from ldt_core.base.experiment import Experiment, Level, Prediction, Signal
 from ldt_core.recording.bag import read_bag
+from ldt_core.recording.writer import BagWriter
 from ldt_core.views.figures.run_figure import load_run
 from ldt_core.views.report.report_page import page, read_run
 from ldt_core.views.step_order import StepOrder
@@ -55,3 +57,14 @@ def test_a_step_that_is_sent_again_stands_in_place_of_the_first():
     assert order.turn == 1
     assert order.steps() == [sent[0], sent[3], sent[2], sent[4]]
     assert [s.number for s in order.steps()[:2]] == [1, 2]
+
+
+def test_a_run_of_which_nothing_was_judged_says_so(tmp_path):
+    """It was "expected a run of live, got None"."""
+    samples = np.zeros(2)
+    with BagWriter(tmp_path / "run", machine="rotor") as writer:
+        writer.write("experiment", Experiment(1, 10.0, 0.1, samples, samples), 11.0)
+        writer.write("prediction", Prediction(1, 10.0, 0.1, 0, samples), 11.0)
+        writer.write("signal", Signal(2, Level.NEGATIVE, "threshold", 0, 1.0), 12.0)
+    with pytest.raises(RecordingError, match="run: expected an experiment with its prediction"):
+        load_run(tmp_path / "run")

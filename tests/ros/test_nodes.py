@@ -266,6 +266,20 @@ def test_a_late_joiner_gets_the_model_in_force(stranger):
     assert stranger.heard["model"][0].kind == "physics"
 
 
+def test_who_joins_late_gets_what_the_others_of_its_graph_have_sent(stranger):
+    """On a busy computer nodes meet one by one; a prediction sent before was lost for good."""
+    both = {"graph": ["twin", "detector"]}
+    stranger.start(TwinNode, **PHYSICS, **both)
+    stranger.listen("prediction")
+    stranger.send("experiment", experiment(1))
+    stranger.until(lambda: stranger.numbers("prediction") == [1])
+    stranger.start(DetectorNode, **both)
+    stranger.listen("signal")
+    del stranger.publishers["experiment"]  # the next one meets the detector, too
+    stranger.send("experiment", experiment(1))
+    stranger.until(lambda: stranger.numbers("signal") == [1])
+
+
 def test_one_without_the_other_waits_and_the_first_of_a_number_counts(stranger):
     """Signals before their experiments; a second experiment of a number is dropped and counted."""
     stranger.start(AdaptorNode, **PHYSICS)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ldt_core.base.errors import OptionError
+from ldt_core.base.errors import OptionError, RecordingError
 from ldt_core.base.experiment import Action, Experiment, Level, Prediction, Signal, Step, rms
 from ldt_core.base.model_state import NOT_JUDGED, STATES, shown_state, times_noise
 from ldt_core.recording.bag import read_twin_run
@@ -62,17 +62,18 @@ def load_run(recording: str | Path, namespace: str = "", number: int | None = No
             original model.
 
     Raises:
-        RecordingError: no recording of a run.
+        RecordingError: no recording of a run, or no experiment in it was judged.
         OptionError: no such experiment in it.
     """
     bag = read_twin_run(recording, namespace)
-    return _plotted(recorded_steps(bag), number, "a run", f" of {recording}")
+    return _plotted(recorded_steps(bag), number, bag.path)
 
 
 def plotted_run(steps: Sequence[Step], number: int | None = None) -> PlottedRun:
     """Of steps in memory; `number` as of `load_run`.
 
     Raises:
+        RecordingError: there are none.
         OptionError: no such experiment among them.
     """
     views = (
@@ -87,15 +88,11 @@ def plotted_run(steps: Sequence[Step], number: int | None = None) -> PlottedRun:
         )
         for s in steps
     )
-    return _plotted(views, number, "steps")
-
-
-def _among(numbers: Collection[int]) -> str:
-    return f"one of the experiments {min(numbers)} to {max(numbers)}" if numbers else ""
+    return _plotted(views, number)
 
 
 def _plotted(
-    views: Iterable[StepView], number: int | None, what: str, where: str = ""
+    views: Iterable[StepView], number: int | None, path: str | Path = "the run"
 ) -> PlottedRun:
     order, numbers = StepOrder(), set[int]()
     best, shown = -np.inf, None
@@ -111,8 +108,11 @@ def _plotted(
         order.put(step)
         step.settle(None)
         numbers.add(step.number)
+    if not numbers:
+        raise RecordingError(path, "an experiment with its prediction and its signal", "none")
     if shown is None:
-        raise OptionError("experiment", f"{_among(numbers) or what}{where}", number)
+        among = f"one of the experiments {min(numbers)} to {max(numbers)} of {path}"
+        raise OptionError("experiment", among, number)
     return PlottedRun(order.steps(), shown, order.notes)
 
 
