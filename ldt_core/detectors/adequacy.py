@@ -20,6 +20,10 @@ from ldt_core.estimation.noise import UsualNoise, sensor_step
 #: Exponents of the bets on ranks (Vovk, Gammerman, Shafer, "Algorithmic Learning in a Random
 #: World", 2022, section 8): small ones win by rare ranks, large ones by slightly low ones.
 EXPONENTS = (0.1, 0.3, 0.5, 0.7)
+#: Odds from which on outliers are taken for shocks, and most that are remembered either way. With
+#: 10 or 40 in place of the usual 20 the same experiments of three gears with play do not hold; with
+#: 10 a sensor's own outliers count as shocks up to five times in 120 experiments, not once.
+ODDS = 20.0
 #: Errors that the next one is ranked among, at most; their ranks resolve a chance of 1 in 500.
 REMEMBERED = 500
 #: Times the error that learning was tried on, beyond which an experiment is heard at once: between
@@ -49,8 +53,8 @@ class Adequacy(Detector):
 
     | state | what is known | answer |
     |---|---|---|
-    | `learning` | too few samples to tell; or what is left the model claims not to know | \
-    negative, or positive to learn from |
+    | `learning` | too few samples to tell; or one behind a step of the voltage is too far out for \
+    noise; or what is left the model claims not to know | negative, or positive to learn from |
     | `holds` | the model explains the experiment down to the noise, and samples enough show it | \
     negative |
     | `changed` | it does not any more | positive |
@@ -143,6 +147,9 @@ class Adequacy(Detector):
         self.step = 0.0
         #: Of the experiments that a model has explained, a `UsualNoise`.
         self.noises: list[float] = list(UsualNoise())
+        #: What bets have left that outliers are shocks behind the voltage's steps, and experiments
+        #: judged, and those of them with outliers.
+        self.stepped, self.experiments, self.with_outliers = 1.0, 0, 0
         #: Deviation of the last one's noise [rad/s], no less than a sensor resolves.
         self.noise = 0.0
         self._voltage: Samples | None = None
@@ -222,6 +229,8 @@ class Adequacy(Detector):
         self.signal, self.model_state, self.adequacy = signal.level, signal.state, signal.adequacy
         self.unexplained, self.misfit = told["unexplained"], told["misfit"]
         self.change, self.noise = told["change"], told["noise"]
+        self.experiments += 1
+        self.stepped, self.with_outliers = told["stepped"], int(told["with_outliers"])
         self.length = len(experiment)
         self.step = sensor_step([experiment.speed]) or self.step
         self._saw(last)
@@ -267,6 +276,7 @@ class Adequacy(Detector):
         plain = misfit(residual, None, self._under)
         found = plain if deviation is None else misfit(residual, deviation, self._under)
         self.adequacy, self.noise = plain.ratio, max(plain.noise, self.noise)
+        shocks = self._shocks(plain)
         self.unexplained = min(plain.evidence * max(self.unexplained, 1.0), math.exp(MOST_LOG))
         self.misfit = min(found.evidence * max(self.misfit, 1.0), math.exp(MOST_LOG))
         if self.trials > 0 and (found.excess > 0 or not found.explained):
@@ -274,7 +284,8 @@ class Adequacy(Detector):
         if self.trials > 0:
             self._clear()
         if self.unexplained < self.false_alarm_every:
-            self.model_state = "holds" if plain.explained and plain.small else "learning"
+            told = plain.explained and plain.small and not shocks
+            self.model_state = "holds" if told else "learning"
             return Level.NEGATIVE
         if self.misfit >= self.false_alarm_every:
             self.lessons, self.pause, self.heard = 0, 0, found.relative
@@ -294,6 +305,17 @@ class Adequacy(Detector):
         self.pause, self.heard = 2**self.lessons, plain.ratio
         self.lessons += 1
         return Level.POSITIVE
+
+    def _shocks(self, found: Misfit) -> bool:
+        """Whether outliers are likely to be the first shocks of a change, and not the sensor's.
+
+        That they lie behind the voltage's steps speaks for it, and that they are rare here.
+        """
+        rarity = (1 + self.experiments) / (1 + self.with_outliers)
+        self.stepped = min(max(self.stepped * found.stepped, 1 / ODDS), ODDS)
+        self.experiments += 1
+        self.with_outliers += int(found.outliers > 0)
+        return found.outliers > 0 and self.stepped * rarity >= ODDS
 
     def _fails_within(
         self, tried: Hull, residual: Samples, deviation: Samples | None, voltage: Samples
@@ -348,13 +370,15 @@ class Adequacy(Detector):
 
     @property
     def statistics(self) -> dict[str, float]:
-        """The e-detectors and their limit, and the deviation of the noise [rad/s]."""
+        """The e-detectors and their limit, the noise [rad/s], and what is known of outliers."""
         return {
             "unexplained": self.unexplained,
             "misfit": self.misfit,
             "change": self.change,
             "drift_limit": self.false_alarm_every,
             "noise": self.noise,
+            "stepped": self.stepped,
+            "with_outliers": self.with_outliers,
         }
 
 

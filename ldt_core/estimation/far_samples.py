@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldt_core.base.arrays import Array
-from ldt_core.estimation.noise import NORMAL_MEDIAN
+from ldt_core.estimation.noise import NORMAL_MEDIAN, NORMAL_NINTH
 
 #: Two neighbours beyond so many deviations of the noise on one side are no noise of any usual law.
 #: With half of it, noise in proportion to the speed would come in blows.
@@ -67,6 +67,31 @@ def _won(out: NDArray[np.bool_], after: NDArray[np.bool_], close: Sequence[int])
         together, odds = np.count_nonzero(out & near), chance[near]
         won += [together * math.log(k) - float(np.sum(np.log1p((k - 1) * odds))) for k in CLOSER]
     return float(1 + np.mean(np.exp(np.minimum(won, MOST_LOG)))) / 2
+
+
+def outliers(row: Array, resolved: float, moves: Array) -> tuple[int, float]:
+    """How many of (L,) samples are far out, and an e-value of where they lie.
+
+    It is what bets win that half of them are close behind the voltage's steps: noise knows nothing
+    of it. Drawn without replacement, they win less than with it (Hoeffding, Journal of the American
+    Statistical Association 58, 1963). Nothing is won where most samples are behind steps.
+
+    Args:
+        resolved: deviation of what a coarse sensor rounds off, in the unit of the row.
+        moves: as of `Setting`.
+    """
+    step = np.abs(moves[:, 1])
+    # An encoder at rest shows no noise in more than half, and what comes in blows is in fewer.
+    usual = float(np.quantile(np.abs(row), 0.9)) / NORMAL_NINTH
+    out = np.abs(row) > FAR * max(usual, resolved, ROUNDING)
+    stepped = step > STEPS[-1] * float(step.max())
+    near = np.convolve(stepped, np.ones(BEHIND[-1]))[: row.size] > 0
+    count, part = int(np.count_nonzero(out)), float(np.mean(near))
+    if not count or not 0 < part < 0.5:
+        return count, 1.0
+    behind = np.count_nonzero(out & near)
+    won = behind * math.log(0.5 / part) + (count - behind) * math.log(0.5 / (1 - part))
+    return count, math.exp(min(won, MOST_LOG))
 
 
 def far_behind_steps(row: Array, moves: Array) -> bool:

@@ -25,6 +25,7 @@ from ldt_core.estimation.far_samples import (
     ROUNDING,
     far_behind_steps,
     in_blows,
+    outliers,
 )
 from ldt_core.estimation.noise import (
     NORMAL_MEDIAN,
@@ -90,6 +91,8 @@ class Misfit:
             behind the voltage's large steps do, or far samples closer together than by chance, or
             all is louder than noise may be and remembers itself.
         noise: its deviation, in the unit of the residual.
+        outliers: samples beyond `FAR` deviations as nine of ten show them.
+        stepped: e-value of bets that they lie close behind the voltage's steps.
     """
 
     evidence: float
@@ -100,6 +103,8 @@ class Misfit:
     chance: float
     far: bool
     noise: float
+    outliers: int
+    stepped: float
 
     @property
     def explained(self) -> bool:
@@ -145,6 +150,11 @@ class Setting:
     start: Array
     quiet: float = 0.0
     most: float = math.inf
+
+    @property
+    def resolved(self) -> float:
+        """Deviation of what a coarse sensor rounds off [rad/s]; 0 of a fine one."""
+        return float(self.slack.max(initial=0.0)) * 2 * ROUNDED
 
     def part(self, which: NDArray[np.bool_] | slice, unit: float = 1.0) -> Setting:
         """That of some samples, in a unit of the speed [rad/s]."""
@@ -226,7 +236,7 @@ def noise_in(residual: Array, under: Setting | None) -> float:
     """
     if under is None:
         return roughness(residual)
-    least = float(under.slack.max(initial=0.0)) * 2 * ROUNDED
+    least = under.resolved
     moves = under.moves
     if residual.size <= 2 * moves.shape[1]:
         return max(roughness(residual), least)
@@ -287,13 +297,14 @@ def misfit(residual: Array, deviation: Array | None = None, under: Setting | Non
     far = bool(np.max(told[:-1] * told[1:]) > FAR**2)
     # Products of independent samples are uncorrelated: of any law, their mean varies by this much.
     chance = 1 / math.sqrt(products.size)
-    quiet = 0.0
+    quiet, out = 0.0, (0, 1.0)
     if under is not None:
         apart = -row[:-2] * row[2:]
         swings = _signed(apart, TOLERATED_SWING)[0] if apart.size else 1.0
         evidence = (2 * evidence + _followed(row, under.moves) + swings) / 4
         quiet = under.quiet / math.sqrt(noise)
         far = far or far_behind_steps(row, under.moves)
+        out = outliers(told, under.resolved / math.sqrt(noise), under.moves)
     blows = in_blows(told, quiet, claimed, None if under is None else under.moves)
     # What comes in blows is no noise, rough as it is: the sensor's is.
     own = min(quiet or 1.0, 1.0) if blows > EXPLAINED else 1.0
@@ -306,6 +317,7 @@ def misfit(residual: Array, deviation: Array | None = None, under: Setting | Non
         chance,
         far or loud or blows > EXPLAINED,
         math.sqrt(noise),
+        *out,
     )
 
 

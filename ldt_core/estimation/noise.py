@@ -12,6 +12,7 @@ from ldt_core.base.arrays import Array
 
 THIRD_DIFFERENCE = math.sqrt(20)  # standard deviation of that of white noise with deviation 1
 NORMAL_MEDIAN = 0.6745  # of the size of a standard normal number
+NORMAL_NINTH = 1.6449  # which nine of ten are below
 FEWEST_SAMPLES = 4  # for a third difference, or for a pair of lags
 ROUNDING = 1 / math.sqrt(12)  # deviation of a uniform error, of the step to which it is rounded
 #: Times the noise that is known: a healthy sensor's does not grow so.

@@ -16,6 +16,7 @@ from ldt_core.base.errors import OptionError
 from ldt_core.base.experiment import Level
 from ldt_core.detectors.adequacy import Adequacy
 from ldt_core.detectors.excited_range import AFTER, hull, samples_within
+from ldt_core.estimation import far_samples
 from ldt_core.estimation.far_samples import in_blows
 from ldt_core.estimation.misfit import misfit, noise_in, setting
 
@@ -131,6 +132,46 @@ def test_shocks_behind_the_steps_of_the_voltage_are_no_noise():
         if detector.drift_detected:
             break
     assert 2 <= len(heard) <= 5
+
+
+@pytest.mark.parametrize(("length", "count"), [(12, 1), (31, 3)])
+def test_what_bets_on_outliers_win_is_one_in_the_mean_at_most(length, count):
+    """Over every order there is: exactly one for a single outlier, less of several."""
+    moves = setting(np.repeat([3.0, -5.0], length)[length - 2 : 2 * length - 2]).moves
+    won = []
+    for out in itertools.combinations(range(length), count):
+        row = np.ones(length)
+        row[list(out)] = 100.0
+        won.append(far_samples.outliers(row, 1.0, moves))
+    assert {found for found, _ in won} == {count}
+    mean = np.mean([e for _, e in won])
+    assert mean == pytest.approx(1.0, abs=1e-12) if count == 1 else 0.5 < mean < 1.0
+
+
+def heard_with_outliers(behind, number=60, quiet=10):
+    """States of quiet experiments, and of `number` with a sample 14 deviations out in each."""
+    random, detector, states = np.random.default_rng(5), Adequacy(1e9), []
+    for k in range(quiet + number):
+        voltage = np.repeat(random.uniform(4, 12, 8) * np.resize([-1, 1], 8), 50)
+        speed = lfilter([0.0, 0.1], [1.0, -0.9], voltage)
+        noise = random.normal(size=400)
+        if k >= quiet:
+            step = 50 * random.integers(1, 8)
+            at = step + random.integers(1, 4) if behind else random.integers(400)
+            noise[at] = random.choice([-14, 14])
+        states.append(judged(detector, noise, voltage, speed, speed))
+    assert states[:quiet] == ["holds"] * quiet
+    return states[quiet:]
+
+
+def test_an_outlier_behind_a_step_is_not_explained_where_there_were_none():
+    """A play's first shocks: each alone may be an outlier, and the state was `holds`."""
+    assert set(heard_with_outliers(behind=True)) == {"learning"}
+
+
+def test_a_sensor_with_outliers_holds_once_they_are_known():
+    """They lie anywhere."""
+    assert set(heard_with_outliers(behind=False)[10:]) == {"holds"}
 
 
 def test_far_samples_anywhere_are_noise_however_the_voltage_steps():
