@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
-from ldt_core.base.errors import LdtError
 from ldt_core.base.settings import ENDLESS, resolve
 from ldt_core.base.stopping import stop_on_signals
 from ldt_core.cli import invoke
@@ -25,7 +24,7 @@ from ldt_core.cli.outputs import force_option, refuse_force, replacing
 from ldt_ros.graph.environment import prepare, require_ros
 from ldt_ros.graph.secure import secured
 from ldt_ros.graph.shared_memory import shared_memory_cleared
-from ldt_ros.graph.supervisor import Supervisor
+from ldt_ros.graph.supervisor import NodeFailure, Supervisor
 
 if TYPE_CHECKING:
     from ldt_ros.graph.machine_run import MachineRun
@@ -72,18 +71,18 @@ def _supervised(given: Mapping[str, Any]) -> Iterator[Supervisor]:
     require_ros()
     folder = Path(tempfile.mkdtemp(prefix="ldt-"))
     before = dict(os.environ)
-    named = False
+    told = False
     try:
         environment = secured(given, _roles(given), prepare(folder))
         with shared_memory_cleared(), Supervisor(folder, environment, given) as supervisor:
             yield supervisor
-    except LdtError as error:
-        named = str(folder) in str(error)
+    except NodeFailure:
+        told = True
         raise
     finally:
         os.environ.clear()
         os.environ.update(before)
-        if not named:  # nobody would look into it, and /tmp would fill up
+        if not told:  # nobody would look into it, and /tmp would fill up
             shutil.rmtree(folder, ignore_errors=True)
 
 

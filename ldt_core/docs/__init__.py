@@ -13,7 +13,7 @@ def names() -> list[str]:
     """Names of all pages, in the order in which a newcomer needs them."""
     order = (
         *("start", "watch", "python", "connect", "machine", "deploy", "network"),
-        *("real", "diagnosis", "detector", "advice", "defaults", "effect", "physics"),
+        *("real", "diagnosis", "detector", "advice", "defaults", "effect", "physics", "simulator"),
         *("accuracy", "limits", "streams", "paper", "promises", "speed"),
     )
     found = {file.stem for file in FOLDER.glob("*.md")}

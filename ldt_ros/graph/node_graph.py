@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from ldt_core.base.errors import BadInput, LdtError
+from ldt_core.base.errors import BadInput
 from ldt_core.base.experiment import Adaptation, Signal
 from ldt_core.base.stopping import INTERRUPTED
 from ldt_core.recording.node_status import NodeStatus
@@ -18,7 +18,7 @@ from ldt_ros.graph.machine_run import MachineRun, host_processes
 from ldt_ros.graph.monitor import Monitor
 from ldt_ros.graph.process import HALT
 from ldt_ros.graph.respawn import Respawner
-from ldt_ros.graph.supervisor import Child, Supervisor
+from ldt_ros.graph.supervisor import Child, NodeFailure, Supervisor
 from ldt_ros.nodes.statements import hear
 from ldt_ros.nodes.topics import LEASE
 
@@ -109,8 +109,8 @@ class Graph:
             respawner.look()
             self._notice_rivals(respawner.restarted_at)
             if time.monotonic() - began > patience and not all(m.health for m in self.monitors):
-                place = f"(all output: {self.supervisor.folder})"
-                raise LdtError(f"the nodes did not start within {patience:g} s {place}")
+                reason = f"the nodes did not start within {patience:g} s"
+                raise NodeFailure(reason, self.supervisor.folder)
         if stopped():
             for child in self.supervisor.children:
                 if child.running:  # a stopped one goes on, and answers what it has missed

@@ -15,7 +15,7 @@ from ldt_core.restart.run_key import own_files
 from ldt_core.runs.fleet_members import SOURCES
 from ldt_ros.graph.machine_run import HostProcess, MachineRun, write_parameters
 from ldt_ros.graph.monitor import Monitor
-from ldt_ros.graph.supervisor import Child, Supervisor, last_line
+from ldt_ros.graph.supervisor import Child, NodeFailure, Supervisor, last_line
 
 #: Longest time between two looks that counts [s]; beyond that this process has slept itself.
 MAX_LOOK_INTERVAL = 0.5
@@ -138,7 +138,7 @@ class Respawner:
             if not child.crashed or not self._start_again(child):
                 hang = self._crashes.get(child.name, Crashes()).hang
                 why = hang or f"ended with code {code}: {told}"
-                raise LdtError(f"{child.name} {why} (all output: {child.log.parent})")
+                raise NodeFailure(f"{child.name} {why}", child.log.parent)
 
     def is_up(self, child: Child) -> bool:
         """Whether a process misses nothing: if one was started again, all its nodes have met.

@@ -29,6 +29,13 @@ FORK_TIMEOUT = 60.0  # s; the server imports everything before its first answer
 ANSWER = 4096  # bytes of the server's answer at most
 
 
+class NodeFailure(LdtError):
+    """Processes of nodes failed; the folder with their output stays, and the sentence names it."""
+
+    def __init__(self, reason: str, folder: Path) -> None:
+        super().__init__(f"{reason} (all output: {folder})")
+
+
 @dataclass
 class Child:
     """A process of the graph, a child of this one that the fork server has made.
