@@ -80,8 +80,7 @@ class Responses:
         """
         moved, left = self._free_of(base)
         size, target = np.einsum("ij,ij->i", moved, moved), moved @ left
-        scale = strength(target, size)
-        gain = 2 * scale * target - scale**2 * size
+        scale, gain = at_best_strength(target, size)
         for group in self._phases:
             gain[group], scale[group] = self._at_any_angle(moved[group], left)
         chosen: dict[int, int] = {}
@@ -119,9 +118,8 @@ class Responses:
         Of one that shows nothing without the set, as many that are spread over its starts.
         """
         moved, left = self._free_of(base)
-        size, target = np.einsum("ij,ij->i", moved, moved), moved @ left
-        scale = strength(target, size)
-        order = np.argsort(scale**2 * size - 2 * scale * target)
+        _, gain = at_best_strength(moved @ left, np.einsum("ij,ij->i", moved, moved))
+        order = np.argsort(-gain)
         place = {c.name: i for i, c in enumerate(self.candidates)}
 
         def of(candidate: Candidate) -> Sequence[Array]:
@@ -137,9 +135,8 @@ class Responses:
         own = np.flatnonzero(self.owner == self.candidates.index(candidate))
         if not own.size:
             return candidate.starts()[0]
-        size, target = np.diag(self.gram)[own], self.responses[own] @ moved
-        scale = strength(target, size)
-        best = int(np.argmax(2 * scale * target - scale**2 * size))
+        scale, gain = at_best_strength(self.responses[own] @ moved, np.diag(self.gram)[own])
+        best = int(np.argmax(gain))
         return candidate.scaled(self.z[own[best]], float(scale[best]))
 
     @functools.cached_property
@@ -191,6 +188,12 @@ def strength(target: Array | float, size: Array | float = 1.0) -> Array:
     """
     wanted = np.minimum(target / np.maximum(size, 1e-9), STRETCH)
     return np.asarray(np.where(wanted > 0, wanted, SHRINK))
+
+
+def at_best_strength(target: Array, size: Array) -> tuple[Array, Array]:
+    """(strength, what it then takes off the sum of squares) of responses; arguments as there."""
+    scale = strength(target, size)
+    return scale, 2 * scale * target - scale**2 * size
 
 
 def simulate_all(
@@ -267,12 +270,10 @@ def best_alone(d: Responses, i: int) -> list[Array]:
     if own.size == 0:
         return []
     size, target = np.diag(d.gram)[own], d.target[own]
-    exact = size - 2 * target
-    scale = strength(target, size)
-    scaled = scale**2 * size - 2 * scale * target
-    first, c = int(np.argmin(exact)), d.candidates[i]
+    scale, gain = at_best_strength(target, size)
+    first, c = int(np.argmin(size - 2 * target)), d.candidates[i]
     found = [d.z[own[first]]]
-    for k in np.argsort(scaled):
+    for k in np.argsort(-gain):
         if len(found) < 2 and (k != first or abs(scale[k] - 1) > OTHER_START):
             found.append(c.scaled(d.z[own[k]], float(scale[k])))
     return found

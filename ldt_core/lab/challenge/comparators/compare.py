@@ -24,7 +24,7 @@ from ldt_core.diagnosis.channel_noise import channel_noise
 from ldt_core.diagnosis.effect_fit import EffectFit, fit
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
 from ldt_core.diagnosis.holdout import closed, free_run, split_at_random
-from ldt_core.diagnosis.responses import best_alone, rank_pairs, simulate_all, strength
+from ldt_core.diagnosis.responses import at_best_strength, best_alone, rank_pairs, simulate_all
 from ldt_core.machine.machine_file import Machine
 from ldt_core.physics.effect import Effect
 from ldt_core.physics.machine_sizes import most_of
@@ -67,13 +67,12 @@ class EffectFits:
         #: The best effects alone, fitted to all experiments, best first.
         self.alone = self.finished(found)
 
-    def finished(self, rough: Sequence[EffectFit], count: int = FINISHED_SETS) -> list[EffectFit]:
+    def finished(self, rough: Sequence[EffectFit]) -> list[EffectFit]:
         """The best of some fits to a few experiments, fitted to all; best first."""
-        for f in sorted(rough, key=_loss)[:count]:
-            names = frozenset(f.names)
+        chosen = {frozenset(f.names): f for f in reversed(sorted(rough, key=_loss)[:FINISHED_SETS])}
+        for names, f in chosen.items():
             if names not in self._known:
                 self._known[names] = fit(self.bench, f.members, f.z)
-        chosen = {frozenset(f.names) for f in sorted(rough, key=_loss)[:count]}
         return sorted((self._known[names] for names in chosen), key=_loss)
 
     def grown(self, base: EffectFit, count: int) -> list[EffectFit]:
@@ -82,10 +81,9 @@ class EffectFits:
         Fitted to a few experiments.
         """
         d, left = self.responses, self._few.of(base.use)
-        size, target = np.diag(d.gram), d.responses @ left
-        scale = strength(target, size)
+        _, gain = at_best_strength(d.responses @ left, np.diag(d.gram))
         best: dict[int, int] = {}
-        for k in np.argsort(-(2 * scale * target - scale**2 * size)):
+        for k in np.argsort(-gain):
             owner = int(d.owner[k])
             if self.candidates[owner].name not in base.names:
                 best.setdefault(owner, int(k))
