@@ -282,7 +282,7 @@ def _cut(
     doubts: Sequence[str],
     like: FileLayout | None,
 ) -> list[Experiment]:
-    """Grid, gaps, and experiments of equal length, or what the segmenter makes of the stream."""
+    """Experiments of equal length, or what the segmenter makes of the stream."""
     for one in series.values():
         check_times(where, one)
     speed = series["speed"]
@@ -312,6 +312,18 @@ def _cut(
         notes.append(f"cut by {cut['cut']}")
         notes += [_listed(counts)] if counts else []
         return done
+    return _of_equal_length(where, series, notes, found, period, size)
+
+
+def _of_equal_length(
+    where: str,
+    series: dict[str, Series],
+    notes: list[str],
+    found: float,
+    period: float,
+    size: int | None,
+) -> list[Experiment]:
+    """Experiments of so many samples from each stretch without a gap; None for one of each."""
     parts = stretches(series, found)
     if len(parts) > 1:
         gaps = counted(len(parts) - 1, "gap")
@@ -328,21 +340,14 @@ def _cut(
         whole = grid.size // step if step >= LEAST_SAMPLES else 0
         dropped += grid.size - whole * step
         for begin in range(0, whole * step, step):
-            rows = slice(begin, begin + step)
-            experiments.append(
-                Experiment(
-                    len(experiments) + 1,
-                    float(grid[begin]),
-                    period,
-                    **{q: column[rows] for q, column in columns.items()},
-                )
-            )
+            rows = {q: column[begin : begin + step] for q, column in columns.items()}
+            number = len(experiments) + 1
+            experiments.append(Experiment(number, float(grid[begin]), period, **rows))
     if not experiments:
         longest = max((p["speed"].time[-1] - p["speed"].time[0] for p in parts), default=0.0)
-        wanted = f"{length:g} s" if length is not None else f"{LEAST_SAMPLES} samples"
-        raise RecordingError(
-            where, f"a stretch of {wanted} without a gap", f"{longest + period:g} s at most"
-        )
+        wanted = f"{LEAST_SAMPLES} samples" if size is None else f"{size * period:g} s"
+        expected = f"a stretch of {wanted} without a gap"
+        raise RecordingError(where, expected, f"{longest + period:g} s at most")
     if resampled:
         notes.append("resampled: the samples were not on a uniform grid of that period")
     if dropped:
