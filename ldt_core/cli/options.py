@@ -107,6 +107,9 @@ def with_all_help(command: click.Command) -> click.Command:
     """A command whose --help lists all, with --help-all beside it: the pages tell of both."""
     if not isinstance(command, Command) and _HELP_ALL_SAME not in command.params:
         command.params.append(_HELP_ALL_SAME)
+    if isinstance(command, click.Group):
+        for one in command.commands.values():
+            with_all_help(one)
     return command
 
 

@@ -106,7 +106,7 @@ def test_help_is_short_and_says_where_the_rest_is(capsys):
         assert len(listed) <= 18, name
         own = [p for p in command.params if "--help-all" not in p.opts]
         assert ("  --help-all" in listed) == (len(own) > 17), name
-        assert invoke(ldt, [name.split()[0], "--help-all"]) == 0
+        assert invoke(ldt, [*name.split(), "--help-all"]) == 0
         assert capsys.readouterr().out.startswith("Usage: ldt")
 
 
