@@ -135,9 +135,10 @@ def verdict(stream: list[Experiment]) -> Row:
     other = time.process_time() - begin
     return Row(
         "from a drift to the verdict, computing time only",
-        *(spent, f"scipy least_squares, once for each of {len(candidates)} effects", other, ""),
+        *(spent, "scipy least_squares, once for each effect", other, ""),
         f"LDT in the {_nth(number - DRIFT)} experiment after the drift, learning included; "
-        f"“{said}”; the peer gives no verdict and tries no pairs; {load_average()}",
+        f"“{said}”; the peer gives no verdict and tries no pairs of {len(candidates)} effects; "
+        f"{load_average()}",
     )
 
 
