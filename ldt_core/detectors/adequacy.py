@@ -149,7 +149,7 @@ class Adequacy(Detector):
         self.noises: list[float] = list(UsualNoise())
         #: What bets have left that outliers are shocks behind the voltage's steps, and experiments
         #: judged, and those of them with outliers.
-        self.stepped, self.experiments, self.with_outliers = 1.0, 0, 0
+        self.outlier_odds, self.experiments, self.with_outliers = 1.0, 0, 0
         #: Deviation of the last one's noise [rad/s], no less than a sensor resolves.
         self.noise = 0.0
         self._voltage: Samples | None = None
@@ -230,7 +230,10 @@ class Adequacy(Detector):
         self.unexplained, self.misfit = told["unexplained"], told["misfit"]
         self.change, self.noise = told["change"], told["noise"]
         self.experiments += 1
-        self.stepped, self.with_outliers = told["stepped"], int(told["with_outliers"])
+        self.outlier_odds, self.with_outliers = (
+            told["outlier_odds"],
+            int(told["experiments_with_outliers"]),
+        )
         self.length = len(experiment)
         self.step = sensor_step([experiment.speed]) or self.step
         self._saw(last)
@@ -312,10 +315,10 @@ class Adequacy(Detector):
         That they lie behind the voltage's steps speaks for it, and that they are rare here.
         """
         rarity = (1 + self.experiments) / (1 + self.with_outliers)
-        self.stepped = min(max(self.stepped * found.stepped, 1 / ODDS), ODDS)
+        self.outlier_odds = min(max(self.outlier_odds * found.outlier_odds, 1 / ODDS), ODDS)
         self.experiments += 1
         self.with_outliers += int(found.outliers > 0)
-        return found.outliers > 0 and self.stepped * rarity >= ODDS
+        return found.outliers > 0 and self.outlier_odds * rarity >= ODDS
 
     def _fails_within(
         self, tried: Hull, residual: Samples, deviation: Samples | None, voltage: Samples
@@ -377,8 +380,8 @@ class Adequacy(Detector):
             "change": self.change,
             "drift_limit": self.false_alarm_every,
             "noise": self.noise,
-            "stepped": self.stepped,
-            "with_outliers": self.with_outliers,
+            "outlier_odds": self.outlier_odds,
+            "experiments_with_outliers": self.with_outliers,
         }
 
 

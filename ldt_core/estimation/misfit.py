@@ -92,7 +92,7 @@ class Misfit:
             all is louder than noise may be and remembers itself.
         noise: its deviation, in the unit of the residual.
         outliers: samples beyond `FAR` deviations as nine of ten show them.
-        stepped: e-value of bets that they lie close behind the voltage's steps.
+        outlier_odds: e-value of bets that they lie close behind the voltage's steps.
     """
 
     evidence: float
@@ -104,7 +104,7 @@ class Misfit:
     far: bool
     noise: float
     outliers: int
-    stepped: float
+    outlier_odds: float
 
     @property
     def explained(self) -> bool:
