@@ -133,6 +133,9 @@ class Monitor(Node):
         for key in (WRONG_STREAM, LITTLE_ROOM):
             if words := told.values.get(key):
                 self._warn(told.role, words)
+        for kind in told.rejected.keys() - self._warned:
+            self._warned.add(kind)
+            self.on_warning(told.role, f"rejected a message on {told.last_rejection}")
         if told.role == "recorder":
             self._follow_recording(told)
         if told.role in SOURCES:

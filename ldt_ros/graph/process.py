@@ -67,9 +67,14 @@ def halt_event() -> threading.Event:
     return asked
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Host the nodes until a stop signal, or one alone until it has finished."""
-    own, ros = _parsed(sys.argv[1:] if arguments is None else arguments)
+def main(arguments: list[str] | None = None, role: str = "") -> int:
+    """Host the nodes until a stop signal, or one alone until it has finished.
+
+    Args:
+        arguments: of the process; None takes its own.
+        role: of the node where the program hosts one alone.
+    """
+    own, ros = _parsed(sys.argv[1:] if arguments is None else arguments, role)
     stop = stop_event()
     if own.parent and not end_with(own.parent, signal.SIGTERM):
         return 1
@@ -88,15 +93,21 @@ def main(arguments: list[str] | None = None) -> int:
         return CRASHED
 
 
-def _parsed(arguments: list[str]) -> tuple[argparse.Namespace, list[str]]:
+def _parsed(arguments: list[str], role: str) -> tuple[argparse.Namespace, list[str]]:
     """Our own arguments, and ROS's from `--ros-args` on."""
     at = arguments.index("--ros-args") if "--ros-args" in arguments else len(arguments)
     parser = argparse.ArgumentParser(
-        prog="ldt_ros.graph.process",
-        description="Host nodes of the graph.",
-        epilog="After --ros-args follow ROS 2's own arguments, -p threshold:=1.5 for example.",
+        prog=f"ldt_{role}" if role else "ldt_ros.graph.process",
+        usage="%(prog)s [--ros-args -p NAME:=VALUE ...]" if role else None,
+        description=f"Run the {role} of a graph alone." if role else "Host nodes of the graph.",
+        epilog="After --ros-args follow ROS 2's own arguments, -p machine:=press.yaml for example. "
+        "Parameters are the options of ldt up with underscores (ldt up --help-all), and graph "
+        "(ldt docs connect).",
         allow_abbrev=False,
     )
+    if role:
+        parser.set_defaults(node=[role], machine=[], parent=None)
+        return parser.parse_args(arguments[:at]), arguments[at:]
     parser.add_argument("--node", action="append", choices=ROLES, required=True)
     parser.add_argument(
         "--machine",
@@ -195,7 +206,7 @@ def leave(code: int) -> NoReturn:
 
 def _single(role: str) -> Callable[[], None]:
     """The executable of a node alone."""
-    return lambda: leave(main(["--node", role, *sys.argv[1:]]))
+    return lambda: leave(main(role=role))
 
 
 plant, player, twin = _single("plant"), _single("player"), _single("twin")

@@ -173,7 +173,7 @@ def _warn_of_slips(node: Node, given: Iterable[str]) -> None:
     known = msgs_config.parameters()
     for name in given:
         close = difflib.get_close_matches(name, known, n=1)
-        if name not in known and close:
+        if close and name not in known and not node.has_parameter(name):  # rclpy has its own
             node.get_logger().warning(f"no parameter {name!r}, did you mean {close[0]!r}?")
 
 

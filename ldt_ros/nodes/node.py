@@ -37,6 +37,8 @@ CHECK_PERIOD = 0.05
 #: Who listen to the health of one graph alone. Where more do, there are more graphs, all of whose
 #: nodes ask the middleware, which looks through what it knows of all of them: they ask less often.
 LISTENERS = 3
+#: Time after its start in which a node does not ask who lacks [s]: all nodes of a fleet would.
+MEETING_TIME = 5.0
 #: Time between telling of the end and ending [s], so that the telling arrives.
 LINGER = 0.3
 
@@ -87,6 +89,7 @@ class HealthReport:
         self._met = False
         self._told_at = 0.0
         self._told_to = 0
+        self._began = time.monotonic()
         node.create_timer(CHECK_PERIOD, self._check, clock=node.steady)
 
     @property
@@ -172,7 +175,10 @@ class HealthReport:
             return level, sentence
         if self._told and self._told.ready:
             return DiagnosticStatus.OK, "running"
-        return DiagnosticStatus.OK, "its peers have left" if self._met else "waiting for its peers"
+        words = "its peers have left" if self._met else "waiting for its peers"
+        long = time.monotonic() - self._began > MEETING_TIME
+        unseen = ", ".join(topics.unseen) if long else ""
+        return DiagnosticStatus.OK, f"{words}: {unseen}" if unseen else words
 
 
 class LdtNode(Node):

@@ -40,6 +40,7 @@ MISSING_LOOKS = 50
 MOST_NAMED = 6
 #: Samples that may wait: ten seconds of a fast machine on a busy computer.
 DEPTH = 10_000
+NEEDED = ("voltage", "speed")
 MESSAGE_TYPE = re.compile(r"\w+/msg/\w+")
 NUMBER = re.compile(r"std_msgs/msg/(Float|U?Int)\d+")
 #: Message type → channel → where its number is, if the option names no field.
@@ -175,6 +176,7 @@ class SegmenterNode(LdtNode):
     | a field that is not there, or is no finite number | counted, logged once per kind |
     | two publishers of one topic | as after a pause, until there is one; counted |
     | nothing for 1 s | what waits for a voltage is taken with the voltage there is |
+    | no speed for 5 s, or for the longest pause | told of until one comes |
 
     Started again in the middle of a run, it numbers on; what the machine streamed meanwhile is
     lost.
@@ -192,7 +194,7 @@ class SegmenterNode(LdtNode):
             settings.get("length", self.machine.duration),
             **{name: self.settings[name] for name in names},
         )
-        feeds = [Feed(c, text) for c in CHANNELS if (text := settings[f"{c}_from"])]
+        feeds = [Feed(c, text) for c in CHANNELS if (text := settings[f"{c}_from"]) or c in NEEDED]
         # The speed last: what drives the joint is known then if one message has both.
         self._feeds = sorted(feeds, key=lambda feed: feed.channel == "speed")
         self.segmenter = Segmenter(
@@ -214,7 +216,7 @@ class SegmenterNode(LdtNode):
         #: Experiments of before this node was started again.
         self._before, _ = self.recording.last_of("experiment", END)
         self._sent = self._last = self._before
-        self._sent_at = 0.0
+        self._sent_at, self._speed_at = 0.0, time.monotonic()
         given = "experiments" in getattr(self, "_parameter_overrides", {})
         #: A machine that streams has no last experiment, unless somebody says so.
         self._most = self.settings["experiments"] if given else ENDLESS
@@ -234,8 +236,7 @@ class SegmenterNode(LdtNode):
             values["range of the speed"] = f"{self.segmenter.rule.statistic:.6g} rad/s"
         if words := self._wrong():
             values[WRONG_STREAM] = words
-        counted = self.segmenter.counts.items()
-        return values | {f"{LEFT_OUT}{reason}": count for reason, count in counted}
+        return values | {f"{LEFT_OUT}{why}": n for why, n in self.segmenter.counts.items()}
 
     @property
     def patience(self) -> float:
@@ -273,17 +274,13 @@ class SegmenterNode(LdtNode):
         # Looks are counted, not seconds: this process may have slept, with samples in its queue.
         self._silent += 1
         self._looks += 1
-        if self._looks == MISSING_LOOKS:
-            self._tell_missing()
+        for words in self._missing() if self._looks == MISSING_LOOKS else ():
+            self.get_logger().warning(words)
         if self._silent == SILENT_LOOKS:
             self._publish(self.segmenter.catch_up())
 
-    def _tell_missing(self) -> None:
-        """Say which topics nobody publishes, and which there are that could be meant."""
-        for words in self._missing():
-            self.get_logger().warning(words)
-
     def _missing(self) -> list[str]:
+        """Which topics nobody publishes, and which there are that could be meant."""
         feeds = [feed for feed in self._feeds if feed.topic not in self._sources]
         if not feeds:
             return []
@@ -305,7 +302,7 @@ class SegmenterNode(LdtNode):
 
     def _wrong(self) -> str:
         """Topics that nobody publishes, times that cannot be trusted, and another rate."""
-        found = [self._untimed()]
+        found = [self._untimed(), self._silence()]
         if self._looks > MISSING_LOOKS:
             found += self._missing()
             if self._timed.keys() == {True}:
@@ -321,6 +318,15 @@ class SegmenterNode(LdtNode):
                 f"give --sample-period {pace:.3g}"
             )
         return "; ".join(filter(None, found))
+
+    def _silence(self) -> str:
+        """That a speed came, or could come, and does not; a voltage may be sent once."""
+        topic, waited = self._feeds[-1].topic, time.monotonic() - self._speed_at
+        longest = max(MISSING_LOOKS * LOOK_PERIOD, self.segmenter.gap)
+        if self.ended or topic not in self._sources or waited <= longest:
+            return ""
+        gone = "" if self.count_publishers(topic) else ", and nobody publishes it any more"
+        return f"nothing has come on {self.resolve_topic_name(topic)} for {waited:.0f} s{gone}"
 
     def _subscribe(self, topic: str, source: Source) -> None:
         """Listen to a topic; anew where its publisher is another."""
@@ -338,6 +344,8 @@ class SegmenterNode(LdtNode):
         self._sources[topic] = source, heard
 
     def _on_sample(self, topic: str, kind: str, message: Any) -> None:
+        if topic == self._feeds[-1].topic:
+            self._speed_at = time.monotonic()
         now, stamp = time.time(), stamp_of(message)
         at = self._arrivals.unstamped(now) if stamp is None else self._arrivals.stamped(stamp, now)
         if (stamp is None) not in self._timed:

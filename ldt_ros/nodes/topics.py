@@ -222,18 +222,7 @@ class Topics:
     @property
     def ready(self) -> bool:
         """Whether every topic has met the peers that the graph has for it."""
-        table = msgs_config.topics()
-        ends: list[tuple[int, set[str], Callable[[str], list[Any]], str]] = []
-        for topic, output in self._outputs.items():
-            wanted = self._graph & set(table[topic]["subscriber"])
-            ends.append(
-                (_matched(output), wanted, self._node.get_subscriptions_info_by_topic, topic)
-            )
-        for topic, listener in self._inputs.items():
-            wanted = self._graph & set(table[topic]["publisher"])
-            ends.append(
-                (_matched(listener), wanted, self._node.get_publishers_info_by_topic, topic)
-            )
+        ends = self._ends()
         # Numbers first: to ask for names means to go through the whole graph.
         if any(matched < len(wanted) for matched, wanted, _, _ in ends):
             return False
@@ -243,6 +232,28 @@ class Topics:
             if matched < len(found) or not wanted <= set(found):
                 return False
         return True
+
+    @property
+    def unseen(self) -> list[str]:
+        """Nodes of the graph that a topic needs and that are not there; costs as `ready` does."""
+        found: set[str] = set()
+        for _, wanted, ask, topic in self._ends():
+            if wanted:
+                found |= wanted - {info.node_name for info in ask(topic)}
+        return sorted(found)
+
+    def _ends(self) -> list[tuple[int, set[str], Callable[[str], list[Any]], str]]:
+        """Of each topic: how many are met, who should be, what asks for their names, the topic."""
+        table, node = msgs_config.topics(), self._node
+        kinds: tuple[tuple[Mapping[str, Any], str, Callable[[str], list[Any]]], ...] = (
+            (self._outputs, "subscriber", node.get_subscriptions_info_by_topic),
+            (self._inputs, "publisher", node.get_publishers_info_by_topic),
+        )
+        return [
+            (_matched(end), self._graph & set(table[topic][peers]), ask, topic)
+            for ends, peers, ask in kinds
+            for topic, end in ends.items()
+        ]
 
 
 def _matched(end: Publisher | Subscription) -> int:

@@ -10,6 +10,7 @@ from typing import Any
 from ldt_core.base.bounded import forget_oldest
 from ldt_core.base.errors import ExperimentError, LdtError, ModelError, RepeatedExperiment
 from ldt_core.base.experiment import Adaptation, Experiment, ModelRecord
+from ldt_core.base.sentences import counted
 from ldt_core.models import build_model, restore_model
 from ldt_core.models.base import Model
 from ldt_core.recording.experiment_numbers import MOST_JUMP, ExperimentNumbers
@@ -159,6 +160,15 @@ class TwinNode(LdtNode):
             "adaptation time-outs": self._timeouts,
             **super().health(),
         }
+
+    def complaint(self) -> str:
+        """What the parts say, and that nobody answers."""
+        unanswered = ""
+        if self._unanswered:
+            timeout = f"{self.settings['adaptation_timeout']:g} s"
+            which = counted(self._unanswered, "experiment")
+            unanswered = f"no adaptation of {which} within {timeout}: look at the adaptor"
+        return "; ".join(filter(None, [super().complaint(), unanswered]))
 
     def _on_model(self, message: Any) -> None:
         record = from_message("model", message)

@@ -100,6 +100,9 @@ def test_without_an_adaptation_the_twin_goes_on_after_its_time_out_and_says_so(s
     stranger.until(lambda: stranger.numbers("prediction") == [1, 2])
     assert time.monotonic() - began > 0.25
     stranger.until(lambda: stranger.health("twin").get("adaptation time-outs") == "1")
+    told = stranger.health("twin")
+    words = "no adaptation of 1 experiment within 0.3 s: look at the adaptor"
+    assert (told["level"], told["message"]) == (1, words)
     lines = [m.msg for m in logged if "no adaptation of experiment 1 within 0.3 s" in m.msg]
     assert len(lines) == 1
     assert "experiment 2 is predicted by model 0" in lines[0]
@@ -278,6 +281,17 @@ def test_who_joins_late_gets_what_the_others_of_its_graph_have_sent(stranger):
     del stranger.publishers["experiment"]  # the next one meets the detector, too
     stranger.send("experiment", experiment(1))
     stranger.until(lambda: stranger.numbers("signal") == [1])
+
+
+def test_a_node_says_which_of_its_graph_it_waits_for(stranger, monkeypatch):
+    """It was "waiting for its peers"; of the two that listen to a prediction, one is there."""
+    monkeypatch.setattr("ldt_ros.nodes.node.MEETING_TIME", 0.5)
+    graph = {"graph": ["twin", "detector", "recorder"]}
+    stranger.start(TwinNode, **PHYSICS, **graph)
+    stranger.start(DetectorNode, **graph)
+    stranger.listen("/diagnostics")
+    words = "waiting for its peers: recorder"
+    stranger.until(lambda: stranger.health("twin").get("message") == words, words)
 
 
 def test_one_without_the_other_waits_and_the_first_of_a_number_counts(stranger):

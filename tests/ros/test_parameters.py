@@ -23,6 +23,7 @@ from rclpy.parameter import Parameter  # noqa: E402
 from rclpy.parameter_client import AsyncParameterClient  # noqa: E402
 from stranger import experiment  # noqa: E402
 
+from ldt_ros.graph.process import main  # noqa: E402
 from ldt_ros.nodes.detector_node import DetectorNode  # noqa: E402
 from ldt_ros.nodes.experiment_source import PlantNode  # noqa: E402
 from ldt_ros.nodes.interfaces import declare  # noqa: E402
@@ -186,6 +187,7 @@ def test_a_wrong_type_is_refused_in_one_sentence(argument, sentence, stranger):
         (["--ros-args", "-p", "threshold:=-3.0"], "threshold: expected 0 to 1e+09 rad/s, got -3.0"),
         (["--ros-args", "-p", "detector:=lddmm"], "(did you mean 'lddm'?), got 'lddmm'"),
         (["--ros-args", "-p", "threshold:=["], "ROS arguments: expected what ROS 2 understands"),
+        (["--ros-args", "-p", "graph:=[detektor]"], "(did you mean 'detector'?), got 'detektor'"),
         (["--ros-args", "--bogus"], "ROS arguments: expected what ROS 2 understands"),
         (["--ros-args", "-r", "__ns:=/1 a"], "ROS arguments: expected what ROS 2 understands"),
     ],
@@ -206,11 +208,24 @@ def test_a_node_process_that_cannot_start_says_why_and_exits_2(arguments, senten
     assert "Traceback" not in done.stderr
 
 
+def test_a_node_alone_says_how_it_is_called(capsys):
+    """It asked for --node, which it had."""
+    for arguments, code in ((["--help"], 0), (["-p", "model:=linear"], 2)):
+        with pytest.raises(SystemExit) as ended:
+            main(arguments, "twin")
+        assert ended.value.code == code
+        said = "".join(capsys.readouterr())
+        assert said.startswith("usage: ldt_twin [--ros-args -p NAME:=VALUE ...]")
+        assert "--node" not in said
+
+
 def test_a_slip_of_the_pen_is_warned_of(stranger, capfd):
     """A name of nobody's is not refused: a file of parameters may be shared with other nodes."""
     values = declared(stranger, "treshold:=1.5", "use_sim_time:=true", "other_node_gain:=3")
     assert values["threshold"] == 3.0
-    assert "no parameter 'treshold', did you mean 'threshold'?" in capfd.readouterr().err
+    said = capfd.readouterr().err
+    assert "no parameter 'treshold', did you mean 'threshold'?" in said
+    assert "use_sim_time" not in said  # the library's own
 
 
 # ---- what other tools see

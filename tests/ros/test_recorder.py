@@ -159,3 +159,14 @@ def test_a_run_says_at_once_that_nothing_is_recorded_any_more(monitor, monkeypat
     monkeypatch.setattr("ldt_ros.graph.monitor.WELL_AGAIN", 0.0)
     ear.hear(NodeStatus("recorder", "running", {}))
     assert told[1:] == ["recorder: the recording goes on, in a new file"]
+
+
+def test_a_run_says_at_once_what_its_nodes_reject(monitor):
+    """Once a kind: a machine whose speeds are no numbers went on for days without a line."""
+    ear, _ = monitor
+    told: list[str] = []
+    ear.on_warning = lambda role, words: told.append(f"{role}: {words}")
+    for count in "12":
+        values = {"rejected speed: RecordingError": count, "last rejection": "speed: got nan"}
+        ear.hear(NodeStatus("segmenter", "", values))
+    assert told == ["segmenter: rejected a message on speed: got nan"]

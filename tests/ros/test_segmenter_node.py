@@ -292,6 +292,28 @@ def test_a_topic_that_nobody_publishes_is_told_beside_those_there_are(stranger, 
     assert told[WRONG_STREAM] == told["message"]
 
 
+def test_a_speed_that_no_longer_comes_is_told_until_it_does(stranger, monkeypatch):
+    """A machine that had ended, or hung, left a segmenter that was "running"."""
+    monkeypatch.setattr(segmenter_node, "MISSING_LOOKS", 10)
+    stranger.listen("/diagnostics")
+    stranger.start(SegmenterNode, voltage_from="volts", speed_from="speed", **SHORT)
+    made = [stranger.node.create_publisher(Float64, topic, 10) for topic in ("volts", "speed")]
+    stranger.until(lambda: all(p.get_subscription_count() for p in made))
+
+    def silent(*publishers):
+        for publisher in publishers:
+            publisher.publish(Float64(data=1.0))
+        words = stranger.health("segmenter").get(WRONG_STREAM, "")
+        return words if "nothing has come on /speed for" in words else ""
+
+    stranger.until(silent, "a speed that has not come yet")
+    stranger.until(lambda: not silent(*made), "a speed")
+    assert "any more" not in stranger.until(lambda: silent(made[0]), "a speed that has ended")
+    stranger.node.destroy_publisher(made.pop())
+    stranger.until(lambda: "nobody publishes it any more" in silent(), "the publisher's end")
+    assert stranger.health("segmenter")["level"] == 1
+
+
 def test_a_publisher_that_returns_with_another_profile_is_heard(stranger, monkeypatch):
     """Best effort in place of reliable: nothing came any more, and nothing was said.
 
@@ -363,3 +385,11 @@ def test_what_is_no_source_is_refused(text):
     """The sentence names the parameter."""
     with pytest.raises(OptionError, match="voltage_from"):
         Feed("voltage", text)
+
+
+def test_a_speed_from_nowhere_is_refused(stranger):
+    """A segmenter waited for ever."""
+    with pytest.raises(OptionError, match="speed_from"):
+        SegmenterNode(
+            context=stranger.context, parameter_overrides=[rclpy.Parameter("speed_from", value="")]
+        )
