@@ -22,6 +22,7 @@ MAX_LISTED = 5  # stretches of numbers that a line shows
 REPAIR_IT = "commands use what is there; ldt doctor --repair puts it into sound files"
 RESTORE_IT = "put it back from a copy, if there is one; commands use what is there"
 REPLAY_IT = "replay it by ldt replay"
+MEET_FIRST = "send when the recorder listens, and give the nodes their graph (ldt docs connect)"
 
 
 def mended(path: str, namespace: str) -> list[Finding]:
@@ -122,10 +123,14 @@ def _messages(health: Health) -> list[Finding]:
 
 def _experiments(health: Health) -> list[Finding]:
     name = "experiments"
+    early = health.unrecorded
+    unrecorded = f"{_listed(early)} answered, and not recorded" if early else ""
     if not health.numbers:
+        if early:
+            return [problem(name, f"none; {unrecorded}", MEET_FIRST)]
         told = f"none; topics are {some(sorted(health.counts)) or 'none'}"
         return [problem(name, told, "make them of other topics by ldt import")]
-    found = []
+    found = [warning(name, unrecorded, MEET_FIRST)] if early else []
     if health.missing:
         many = f"{numbered('number', health.missing, MAX_LISTED)} missing"
         remedy = "look whether the recorder had a burst, or the machine a pause, at that time"
@@ -168,7 +173,7 @@ def _pauses(health: Health) -> list[Finding]:
 
 
 def _answers(health: Health) -> list[Finding]:
-    if not any(health.answered.get(topic) for topic in ("signal", "adaptation")):
+    if not (health.numbers and any(health.answered.get(topic) for topic in ANSWERS[1:])):
         return []
     lacking: dict[tuple[int, ...], list[str]] = {}
     for topic in ANSWERS:

@@ -97,6 +97,13 @@ class Health:
     writing: bool = False
 
     @property
+    def unrecorded(self) -> list[int]:
+        """Numbers that got an answer, before the first recorded experiment or behind the last."""
+        spans = self.numbers.spans
+        found = {n for topic in ANSWERS[1:] for n in self.answered[topic]}
+        return sorted(n for n in found if not (spans and spans[0][0] <= n <= spans[-1][1]))
+
+    @property
     def missing(self) -> list[Span]:
         """Stretches of numbers between the first and the last experiment that are not recorded."""
         return self.numbers.gaps

@@ -151,6 +151,16 @@ def test_no_experiments_is_a_problem(tmp_path):
     assert found(bag, "experiments")[0][0] is PROBLEM
 
 
+def test_answers_to_experiments_that_are_not_recorded_are_told(tmp_path):
+    """Of a recorder that met the machine later than the other nodes: the recording was "ok"."""
+    late = [*answers(1), *answers(2), experiment(3), *answers(3)]
+    told = found(recorded(tmp_path / "late", *late), "experiments")
+    assert told == [(WARNING, "numbers 1, 2 answered, and not recorded")]
+    told = found(recorded(tmp_path / "none", *late[:6]), "experiments")
+    assert told == [(PROBLEM, "none; numbers 1, 2 answered, and not recorded")]
+    assert found(tmp_path / "none", "answers") == []
+
+
 def test_experiments_without_an_answer_are_told_by_kind(tmp_path):
     """A run that ended in the middle of experiment 2; experiments alone lack nothing."""
     everything = [experiment(1), *answers(1), experiment(2), answers(2)[0]]
