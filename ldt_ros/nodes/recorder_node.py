@@ -14,7 +14,7 @@ from typing import Any
 from rclpy.timer import Timer
 
 import msgs_config
-from ldt_core.base.errors import LdtError
+from ldt_core.base.errors import BadInput, LdtError
 from ldt_core.doctor.computer_checks import LOW_DISK, MIB
 from ldt_core.recording.node_status import (
     HEALTH_TOPIC,
@@ -137,6 +137,7 @@ class RecorderNode(LdtNode):
             for topic, declaration in msgs_config.topics().items()
             if declaration["recorded"]
         }
+        self._refuse_other_names()
         told = self.settings["run_settings"]
         settings = parse_settings("run_settings", told) if told else None
         self._open = partial(
@@ -158,6 +159,15 @@ class RecorderNode(LdtNode):
         self._again_after = RETRY_TIME
         self._trial: Timer | None = None
         self._listen()
+
+    def _refuse_other_names(self) -> None:
+        """By its topics' names, and one namespace, a recording is read as that of a machine."""
+        namespace = self.get_namespace().rstrip("/")
+        for topic, (name, _) in self._recorded.items():
+            own = topic if topic.startswith("/") else f"{namespace}/{topic}"
+            if name != own:
+                expected = f"{own}, by which recordings are read; remap the machine's topic to it"
+                raise BadInput(topic, expected, f"a remapping to {name}")
 
     def _listen(self) -> None:
         for topic, (name, kind) in self._recorded.items():

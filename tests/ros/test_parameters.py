@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 import msgs_config
-from ldt_core.base.errors import OptionError
+from ldt_core.base.errors import BadInput, OptionError
 from ldt_core.cli import invoke
 from ldt_core.cli.options import parameters
 from ldt_core.recording.bag import read_bag
@@ -27,6 +27,7 @@ from ldt_ros.graph.process import main  # noqa: E402
 from ldt_ros.nodes.detector_node import DetectorNode  # noqa: E402
 from ldt_ros.nodes.experiment_source import PlantNode  # noqa: E402
 from ldt_ros.nodes.interfaces import declare  # noqa: E402
+from ldt_ros.nodes.recorder_node import RecorderNode  # noqa: E402
 from ldt_ros.nodes.twin_node import TwinNode  # noqa: E402
 
 RANGED = {n: d for n, d in msgs_config.parameters().items() if "range" in d}
@@ -217,6 +218,19 @@ def test_a_node_alone_says_how_it_is_called(capsys):
         said = "".join(capsys.readouterr())
         assert said.startswith("usage: ldt_twin [--ros-args -p NAME:=VALUE ...]")
         assert "--node" not in said
+
+
+def test_a_recorder_whose_topic_is_renamed_says_what_to_rename(stranger, tmp_path):
+    """It took "experiment" in another namespace, and that recording was two machines'."""
+    for other in ("/bench/run", "/bench/experiment"):
+        with pytest.raises(BadInput, match="experiment: expected /press/experiment, by which"):
+            RecorderNode(
+                context=stranger.context,
+                namespace="press",
+                cli_args=["--ros-args", "-r", f"experiment:={other}"],
+                parameter_overrides=[Parameter("bag", value=str(tmp_path / "bag"))],
+            )
+    assert not (tmp_path / "bag").exists()
 
 
 def test_a_slip_of_the_pen_is_warned_of(stranger, capfd):
