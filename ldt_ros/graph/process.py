@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import faulthandler
 import importlib
 import os
 import signal
@@ -44,6 +45,7 @@ ROLES = {
 CRASHED = 70  # exit code of a program that an error of its own has ended (EX_SOFTWARE, sysexits)
 FILES_CLOSED = "a part of your own has closed the files and sockets of this process"
 HALT = signal.SIGUSR1  # by which a graph's process begins nothing new, and stays for those who miss
+LONGEST_END = 15.0  # s that it may take to leave the graph; `ldt up` waits for 10
 SPIN = 0.1  # s, how late a stop signal may be noticed when nothing arrives
 
 
@@ -142,7 +144,7 @@ def host(
         machines: namespace and file of parameters of each that has such nodes; none for the one
             that ROS's arguments are about.
         ros_arguments: of the process.
-        stopped: whether it has been told to stop.
+        stopped: whether it has been told to stop; the process ends soon after.
         halted: whether it has been told to begin nothing new; it then goes on until it is told to
             stop, although all nodes have finished. None where it ends by itself.
     """
@@ -155,15 +157,16 @@ def host(
     except RuntimeError as error:  # of which rclpy's own are kinds
         raise BadInput("ROS arguments", "what ROS 2 understands", ros_message(error)) from error
     nodes: list[LdtNode] = []
-    with ExitStack() as stack:
-        stack.callback(rclpy.try_shutdown)
+    with ExitStack() as destroying, ExitStack() as closing:
+        destroying.callback(rclpy.try_shutdown)
+        closing.callback(end_within, LONGEST_END)
         executor = EventsExecutor()
         own = ({"cli_args": machine_arguments(*m), "use_global_arguments": False} for m in machines)
         for arguments in [*own] or [{}]:
             for role in roles:
                 node = node_class(role)(**arguments)
-                stack.callback(node.destroy_node)
-                stack.callback(node.close)
+                destroying.callback(node.destroy_node)
+                closing.callback(node.close)
                 nodes.append(node)
                 executor.add_node(node)
         for node in nodes:
@@ -190,6 +193,15 @@ def host(
         while time.monotonic() < deadline and not all(node.quiet for node in nodes):
             executor.spin_once(timeout_sec=SPIN)
     return 0
+
+
+def end_within(seconds: float) -> None:
+    """End this process after this time [s] if it has not ended by then, with exit code 1.
+
+    Fast DDS may wait for itself for ever where a participant is destroyed while others leave. It
+    then holds Python's lock, so that no thread and no signal handler of Python's runs any more.
+    """
+    faulthandler.dump_traceback_later(seconds, exit=True, file=os.open(os.devnull, os.O_WRONLY))
 
 
 def machine_arguments(namespace: str, file: str) -> list[str]:

@@ -216,11 +216,11 @@ class SegmenterNode(LdtNode):
         #: Experiments of before this node was started again.
         self._before, _ = self.recording.last_of("experiment", END)
         self._sent = self._last = self._before
-        self._sent_at, self._speed_at = 0.0, time.monotonic()
+        self._sent_at = 0.0
         given = "experiments" in getattr(self, "_parameter_overrides", {})
         #: A machine that streams has no last experiment, unless somebody says so.
         self._most = self.settings["experiments"] if given else ENDLESS
-        self._silent = self._looks = 0
+        self._silent = self._speedless = self._looks = 0
         self.create_timer(LOOK_PERIOD, self._look, clock=self.steady)
         self._look()
 
@@ -272,7 +272,7 @@ class SegmenterNode(LdtNode):
             else:
                 self._doubled.discard(topic)
         # Looks are counted, not seconds: this process may have slept, with samples in its queue.
-        self._silent += 1
+        self._silent, self._speedless = self._silent + 1, self._speedless + 1
         self._looks += 1
         for words in self._missing() if self._looks == MISSING_LOOKS else ():
             self.get_logger().warning(words)
@@ -321,7 +321,7 @@ class SegmenterNode(LdtNode):
 
     def _silence(self) -> str:
         """That a speed came, or could come, and does not; a voltage may be sent once."""
-        topic, waited = self._feeds[-1].topic, time.monotonic() - self._speed_at
+        topic, waited = self._feeds[-1].topic, self._speedless * LOOK_PERIOD
         longest = max(MISSING_LOOKS * LOOK_PERIOD, self.segmenter.gap)
         if self.ended or topic not in self._sources or waited <= longest:
             return ""
@@ -345,7 +345,7 @@ class SegmenterNode(LdtNode):
 
     def _on_sample(self, topic: str, kind: str, message: Any) -> None:
         if topic == self._feeds[-1].topic:
-            self._speed_at = time.monotonic()
+            self._speedless = 0
         now, stamp = time.time(), stamp_of(message)
         at = self._arrivals.unstamped(now) if stamp is None else self._arrivals.stamped(stamp, now)
         if (stamp is None) not in self._timed:

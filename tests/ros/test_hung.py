@@ -15,8 +15,9 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from disturbed import complaints, differences, nodes, ran, wait_for
+from disturbed import complaints, differences, nodes, ran, until, wait_for
 
+from ldt_core.recording.bag import read_bag
 from ldt_ros.graph import respawn
 from ldt_ros.nodes.detector_node import DetectorNode
 from ldt_ros.nodes.watchdog import alive
@@ -111,3 +112,24 @@ def test_a_node_that_works_tells_systemd_so(stranger, tmp_path, monkeypatch, at)
 
         stranger.until(told_twice, "the second sign of life")
         assert set(told) == {b"WATCHDOG=1"}
+
+
+def test_a_node_ends_although_the_middleware_does_not(domain, tmp_path, monkeypatch):
+    """Fast DDS waited for itself for ever, once, where several nodes ended at the same moment."""
+    monkeypatch.chdir(tmp_path)
+    program = """
+import ctypes
+from rclpy.node import Node
+from ldt_ros.graph import process
+process.LONGEST_END = 1.0
+Node.destroy_node = lambda self: ctypes.PyDLL(None).sleep(1000)  # with Python's lock
+process.leave(process.main([], "recorder"))
+"""
+    node = subprocess.Popen([sys.executable, "-c", program])
+    recordings = tmp_path / "ldt_recordings"
+    until(lambda: [*recordings.glob("*/*.mcap")], lambda: "no recording")
+    time.sleep(0.5)  # it spins
+    node.send_signal(signal.SIGINT)
+    assert node.wait(20) == 1
+    (recording,) = recordings.iterdir()
+    assert read_bag(recording).notes == []  # it has been finished before
