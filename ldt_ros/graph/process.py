@@ -46,6 +46,7 @@ CRASHED = 70  # exit code of a program that an error of its own has ended (EX_SO
 FILES_CLOSED = "a part of your own has closed the files and sockets of this process"
 HALT = signal.SIGUSR1  # by which a graph's process begins nothing new, and stays for those who miss
 LONGEST_END = 15.0  # s that it may take to leave the graph; `ldt up` waits for 10
+STDERR = 2  # its descriptor, which is there also where `sys.stderr` is not
 SPIN = 0.1  # s, how late a stop signal may be noticed when nothing arrives
 
 
@@ -196,12 +197,12 @@ def host(
 
 
 def end_within(seconds: float) -> None:
-    """End this process after this time [s] if it has not ended by then, with exit code 1.
+    """End this process after this time [s] if it has not ended by then: where it is, exit code 1.
 
     Fast DDS may wait for itself for ever where a participant is destroyed while others leave. It
     then holds Python's lock, so that no thread and no signal handler of Python's runs any more.
     """
-    faulthandler.dump_traceback_later(seconds, exit=True, file=os.open(os.devnull, os.O_WRONLY))
+    faulthandler.dump_traceback_later(seconds, exit=True, file=STDERR)
 
 
 def machine_arguments(namespace: str, file: str) -> list[str]:

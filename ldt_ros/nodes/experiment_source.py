@@ -13,7 +13,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState
 
-from ldt_core.base.errors import LdtError, reason_of
+from ldt_core.base.errors import LdtError, OptionError, reason_of
 from ldt_core.base.experiment import Experiment
 from ldt_core.machine import Plant
 from ldt_core.recording.bag import read_bag
@@ -350,6 +350,8 @@ class PlayerNode(LdtNode):
     def __init__(self, **node_arguments: Any) -> None:
         super().__init__("player", "machine", "player", *GROUPS, **node_arguments)
         recording, namespace, only = (self.settings[n] for n in ("play", "play_namespace", "only"))
+        if not recording:
+            raise OptionError("play", "a recording", "none")
         played = read_bag(recording, namespace, only=only)
         if odd := played.other_machine(self.machine):
             self.get_logger().warning(odd)

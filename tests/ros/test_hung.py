@@ -125,11 +125,12 @@ process.LONGEST_END = 1.0
 Node.destroy_node = lambda self: ctypes.PyDLL(None).sleep(1000)  # with Python's lock
 process.leave(process.main([], "recorder"))
 """
-    node = subprocess.Popen([sys.executable, "-c", program])
+    node = subprocess.Popen([sys.executable, "-c", program], stderr=subprocess.PIPE, text=True)
     recordings = tmp_path / "ldt_recordings"
     until(lambda: [*recordings.glob("*/*.mcap")], lambda: "no recording")
     time.sleep(0.5)  # it spins
     node.send_signal(signal.SIGINT)
-    assert node.wait(20) == 1
+    assert "Timeout (0:00:01)!" in node.communicate(timeout=20)[1]
+    assert node.returncode == 1
     (recording,) = recordings.iterdir()
     assert read_bag(recording).notes == []  # it has been finished before

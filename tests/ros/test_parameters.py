@@ -25,7 +25,7 @@ from stranger import experiment  # noqa: E402
 
 from ldt_ros.graph.process import main  # noqa: E402
 from ldt_ros.nodes.detector_node import DetectorNode  # noqa: E402
-from ldt_ros.nodes.experiment_source import PlantNode  # noqa: E402
+from ldt_ros.nodes.experiment_source import PlantNode, PlayerNode  # noqa: E402
 from ldt_ros.nodes.interfaces import declare  # noqa: E402
 from ldt_ros.nodes.recorder_node import RecorderNode  # noqa: E402
 from ldt_ros.nodes.twin_node import TwinNode  # noqa: E402
@@ -218,6 +218,12 @@ def test_a_node_alone_says_how_it_is_called(capsys):
         said = "".join(capsys.readouterr())
         assert said.startswith("usage: ldt_twin [--ros-args -p NAME:=VALUE ...]")
         assert "--node" not in said
+
+
+def test_a_player_of_nothing_names_its_parameter(stranger):
+    """It spoke of files in the present folder."""
+    with pytest.raises(OptionError, match="^play: expected a recording"):
+        PlayerNode(context=stranger.context)
 
 
 def test_a_recorder_whose_topic_is_renamed_says_what_to_rename(stranger, tmp_path):
