@@ -222,7 +222,7 @@ def test_a_node_alone_says_how_it_is_called(capsys):
 
 def test_a_player_of_nothing_names_its_parameter(stranger):
     """It spoke of files in the present folder."""
-    with pytest.raises(OptionError, match="^play: expected a recording"):
+    with pytest.raises(OptionError, match="play: expected a recording, got none"):
         PlayerNode(context=stranger.context)
 
 
