@@ -115,7 +115,7 @@ def test_a_node_that_works_tells_systemd_so(stranger, tmp_path, monkeypatch, at)
 
 
 def test_a_node_ends_although_the_middleware_does_not(domain, tmp_path, monkeypatch):
-    """Fast DDS waited for itself for ever in two of 180 ends, of several nodes at one moment."""
+    """Fast DDS waited for itself for ever in two of 400 ends, of several nodes at one moment."""
     monkeypatch.chdir(tmp_path)
     program = """
 import ctypes
