@@ -145,7 +145,7 @@ def host(
         machines: namespace and file of parameters of each that has such nodes; none for the one
             that ROS's arguments are about.
         ros_arguments: of the process.
-        stopped: whether it has been told to stop; the process ends soon after.
+        stopped: whether it has been told to stop.
         halted: whether it has been told to begin nothing new; it then goes on until it is told to
             stop, although all nodes have finished. None where it ends by itself.
     """
@@ -159,6 +159,7 @@ def host(
         raise BadInput("ROS arguments", "what ROS 2 understands", ros_message(error)) from error
     nodes: list[LdtNode] = []
     with ExitStack() as destroying, ExitStack() as closing:
+        destroying.callback(faulthandler.cancel_dump_traceback_later)
         destroying.callback(rclpy.try_shutdown)
         closing.callback(end_within, LONGEST_END)
         executor = EventsExecutor()
@@ -197,7 +198,7 @@ def host(
 
 
 def end_within(seconds: float) -> None:
-    """End this process after this time [s] if it has not ended by then: where it is, exit code 1.
+    """End this process after this time [s], unless somebody cancels that: where it is, exit code 1.
 
     Fast DDS may wait for itself for ever where a participant is destroyed while others leave. It
     then holds Python's lock, so that no thread and no signal handler of Python's runs any more.
