@@ -161,8 +161,7 @@ class ContestAdaptor(KnownVersions):
     def _learn(self, experiment: Experiment) -> tuple[Action, str, dict[str, float]]:
         self.memory.clear()
         before, version = self.model, self._explaining
-        stays = f"version {before.version} stays"
-        present = rms_error(before, experiment)
+        stays, present = f"version {before.version} stays", rms_error(before, experiment)
         if self._learning:
             about = self.learned_from, self._recent(experiment), experiment
             more, why = self.candidates.learned_more(before, *about)
@@ -170,24 +169,8 @@ class ContestAdaptor(KnownVersions):
                 return self._learned_by(more, anew(more), experiment, {})
             if version is before and why:
                 return Action.REFUSED, f"{why}; {stays}", {}
-        next_one = self._returns(version, experiment) if version else None
-        if version and next_one is not None:
-            learned_from = self.learned_from
-            with one_thread():
-                tied = finished(self.candidates.told_apart(before, learned_from, [experiment]))
-            # A machine that has one cause all along is likelier than one that changes to and fro.
-            one = tied or self._one_machine(experiment)
-            if one is not None and not self._fails_before(one[0], experiment):
-                return self._learned_by(*one, experiment, {})
-            origin = f"is version {next_one.version} again"
-            if next_one is not version:
-                often = f"version {version.version} explains it, but the machine changes so often"
-                often = f"{often} that version {next_one.version} will err less"
-                if alike(next_one, before):
-                    return Action.REFUSED, often, {}
-                origin = f"{origin}: {often}"
-            self._adopt(next_one.again(before.version + 1))
-            return Action.ADAPTED, self._reason(before, experiment, origin), {}
+        if version is not None and (told := self._known_again(version, experiment)):
+            return told
         asked = self._question(experiment)
         if too_short(asked.told) and len(asked.told) < self.memory.history:
             why = f"{counted(sum(map(len, asked.told)), 'sample')} that nobody explains are too few"
@@ -228,6 +211,29 @@ class ContestAdaptor(KnownVersions):
             origin = f"is version {nearest.version} again, which errs least"
             return Action.ADAPTED, self._reason(before, experiment, origin, False), details
         return Action.REFUSED, f"{said}, {then}; {stays}", details
+
+    def _known_again(
+        self, version: Model, experiment: Experiment
+    ) -> tuple[Action, str, dict[str, float]] | None:
+        """What comes of a version that explains the experiment; None where none is to return."""
+        before, next_one = self.model, self._returns(version, experiment)
+        if next_one is None:
+            return None
+        with one_thread():
+            tied = finished(self.candidates.told_apart(before, self.learned_from, [experiment]))
+        # A machine that has one cause all along is likelier than one that changes to and fro.
+        one = tied or self._one_machine(experiment)
+        if one is not None and not self._fails_before(one[0], experiment):
+            return self._learned_by(*one, experiment, {})
+        origin = f"is version {next_one.version} again"
+        if next_one is not version:
+            often = f"version {version.version} explains it, but the machine changes so often"
+            often = f"{often} that version {next_one.version} will err less"
+            if alike(next_one, before):
+                return Action.REFUSED, often, {}
+            origin = f"{origin}: {often}"
+        self._adopt(next_one.again(before.version + 1))
+        return Action.ADAPTED, self._reason(before, experiment, origin), {}
 
     def _one_machine(self, experiment: Experiment) -> tuple[Model, str] | None:
         """A cause that explains what the present version does not, and all that this stands for,
@@ -315,10 +321,10 @@ class ContestAdaptor(KnownVersions):
         origin = f"learned from experiment {pool[-1].number} and does best in this one"
         if signal.level is Level.POSITIVE and not isinstance(best, GreyBoxModel):
             # A cause tells more than a flexible model.
-            anew = CauseSearch(self.candidates, self._question(experiment))
-            anew.explain(self._steps)
-            if anew.cause is not None and not self._fails_before(anew.cause[0], experiment):
-                return anew.cause
+            found = CauseSearch(self.candidates, self._question(experiment))
+            found.explain(self._steps)
+            if found.cause is not None and not self._fails_before(found.cause[0], experiment):
+                return found.cause
         return best, origin
 
     def _grey(self) -> Model:
@@ -377,21 +383,18 @@ class ContestAdaptor(KnownVersions):
         """Its state by the numbers of what is recorded; `return_to` takes it back."""
         search = None if self.search is None else self.search.state()
         learned = [[e.number, e.start] for e in self.learned_from]
-        followed = self.followed.version
-        own = {"watch": self.watch.state(), "search": search, "learned_from": learned}
-        chain, backoff = self.chain.state(), self.backoff.state()
-        more = {"followed": followed, "chain": chain, "backoff": backoff}
-        return {**super().state(), **own, **more}
+        own: dict[str, Any] = {"watch": self.watch.state(), "search": search}
+        own |= {"learned_from": learned, "followed": self.followed.version}
+        own |= {"chain": self.chain.state(), "backoff": self.backoff.state()}
+        return {**super().state(), **own}
 
     def return_to(self, state: Mapping[str, Any], archive: Archive) -> None:
         """Take back a state, before any step here."""
         learned = [archive.experiment(number, start) for number, start in state["learned_from"]]
-        chain = ConditionChain()
+        chain, asked = ConditionChain(), state["search"]
         chain.return_to(state["chain"], archive)
-        asked = state["search"]
         search = asked and CauseSearch.of(asked, self.candidates, self.original, archive)
         super().return_to(state, archive)
         self.watch, self.search, self.chain = OriginalWatch.of(state["watch"]), search, chain
-        self.learned_from = learned
-        self.followed = self._version(state["followed"])
+        self.learned_from, self.followed = learned, self._version(state["followed"])
         self.backoff.return_to(state["backoff"])
