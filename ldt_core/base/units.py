@@ -186,6 +186,11 @@ def has_unit(text: str, quantity: str) -> bool:
     return unit in UNITS[quantity] or bool(_number(unit))
 
 
+def is_unit(text: str) -> bool:
+    """Whether a text is a unit that some quantity may have, known here or foreign."""
+    return any(text in of for table in (UNITS, FOREIGN) for of in table.values())
+
+
 def _number(text: str) -> float:
     """A finite number other than 0; 0 for anything else."""
     try:

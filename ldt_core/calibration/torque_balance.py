@@ -130,7 +130,9 @@ def _columns(e: Experiment, effects: Sequence[str], span: int) -> tuple[Array, A
     """
     common, own = [e.voltage[:-1], _mean(e.speed)], []
     if "coulomb_friction" in effects:
-        common.append(_mean(np.sign(e.speed)))
+        # A shaft that friction holds does not change its speed, whatever the voltage is.
+        turns = (e.speed[1:] != 0) | (e.speed[:-1] != 0)
+        common = [c * turns for c in (*common, _mean(np.sign(e.speed)))]
     if "gravity_imbalance" in effects:
         angle = np.concatenate([[0.0], np.cumsum(_mean(e.speed) * e.period)])
         own = [_mean(np.sin(angle)), _mean(np.cos(angle))]

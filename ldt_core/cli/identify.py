@@ -133,11 +133,11 @@ def command(
                 tick=tick,
             ).with_recordings(recordings)
     except LdtError as error:
-        question = swapped(experiments)
-        told = any(said in str(error) for said in ("ldt docs", "--effects", "import again"))
-        if error.exit_code != LdtError.exit_code or (told and not question):
+        if error.exit_code != LdtError.exit_code:
             raise
-        raise LdtError(f"{error}; {question or NEXT}") from None
+        question, said = swapped(experiments), str(error).replace("RECORDING", bags)
+        told = any(words in said for words in ("ldt docs", "--effects", "import again"))
+        raise LdtError(said if told and not question else f"{said}; {question or NEXT}") from None
     write_machine_file(found, out, force)
     if as_json:
         machine = found.machine

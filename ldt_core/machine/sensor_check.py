@@ -56,7 +56,7 @@ def fault(machine: Machine, experiment: Experiment, recent: Sequence[Experiment]
     """
     return (
         _clipped(experiment, recent)
-        or _stuck(experiment, recent)
+        or _stuck(machine, experiment, recent)
         or _drops_out(experiment)
         or _jumps(experiment, recent)
         or _noise_alone(machine, experiment, recent)
@@ -75,7 +75,7 @@ def doubt(machine: Machine, experiment: Experiment, recent: Sequence[Experiment]
         _too_fast(machine, experiment)
         or _too_slow(machine, experiment)
         or _too_sudden(machine, experiment, recent)
-        or _unmoved(experiment)
+        or _unmoved(machine, experiment)
         or (len(recent) < EXPERIMENTS_BEFORE and other_unit(machine, experiment))
         or ""
     )
@@ -91,13 +91,14 @@ def sound(machine: Machine, experiments: Sequence[Experiment]) -> tuple[list[Exp
     return kept, ""
 
 
-def _stuck(e: Experiment, recent: Sequence[Experiment]) -> str:
+def _stuck(machine: Machine, e: Experiment, recent: Sequence[Experiment]) -> str:
     """The same speed to the last bit for longer than chance allows, while the voltage moves.
 
     At rest a sensor without noise may well show 0 for ever, so that only an experiment that is
     nothing else is refused then. After experiments without noise even that is not, unless the
-    voltage turns its sign and a shaft that is said to turn does not care. It may show any
-    one value before the machine begins to move, and for long where the speed is at a peak.
+    voltage turns its sign and a shaft that is said to turn does not care. Nor is it at voltages
+    that friction may withstand. It may show any one value before the machine begins to move, and
+    for long where the speed is at a peak.
     """
     begin, stop = _longest_run(e.speed)
     value = float(e.speed[begin])
@@ -110,6 +111,8 @@ def _stuck(e: Experiment, recent: Sequence[Experiment]) -> str:
     turns = value != 0.0 and low < 0.0 < high
     if whole and not turns and any(not _noisy(r) for r in recent):
         return ""  # blocked, or driven by a supply that gives no more
+    if whole and value == 0.0 and _held(machine, e) and not any(_noisy(r) for r in recent):
+        return ""
     if not whole:
         own, before = [e.speed[:begin], e.speed[stop:]], [r.speed for r in recent]
         if value in (e.speed.min(), e.speed.max()):
@@ -277,11 +280,16 @@ def _too_sudden(machine: Machine, e: Experiment, recent: Sequence[Experiment]) -
     )
 
 
-def _unmoved(e: Experiment) -> str:
+def _unmoved(machine: Machine, e: Experiment) -> str:
     """The same speed throughout, with a sensor without noise."""
-    if np.ptp(e.speed) or not np.ptp(e.voltage):
+    if np.ptp(e.speed) or not np.ptp(e.voltage) or (e.speed[0] == 0 and _held(machine, e)):
         return ""
     return f"{e.speed[0]:.4g} rad/s to the last digit throughout, while the voltage moves"
+
+
+def _held(machine: Machine, e: Experiment) -> bool:
+    """Whether the voltage is so low throughout that friction may hold any motor."""
+    return float(np.abs(e.voltage).max()) <= SLOW_VOLTS * _volts(machine)
 
 
 def _volts(machine: Machine) -> float:

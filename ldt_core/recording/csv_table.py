@@ -1,8 +1,8 @@
 """Columns of numbers out of a CSV file, with the line in every complaint.
 
 Understands what loggers and spreadsheets write: comma, semicolon, tab, bar or blanks between cells,
-decimal commas, quotes, a byte-order mark, comment lines (# or %), a header or none, a row of units
-below it, dates with a time (ISO 8601, or 31.12.2026 08:00), gzip. It is read as a stream: in memory
+decimal commas, quotes, a byte-order mark, comment lines (# or %), a header or none, rows of units
+and of other names below it, dates with a time (ISO 8601, or 31.12.2026 08:00), gzip. It is read as a stream: in memory
 are the numbers of the columns that are asked for.
 """
 
@@ -26,6 +26,7 @@ from ldt_core.base.bounded_file import open_regular
 from ldt_core.base.errors import RecordingError, did_you_mean
 from ldt_core.base.experiment import Samples
 from ldt_core.base.sentences import counted
+from ldt_core.base.units import is_unit
 from ldt_core.recording.csv_column import LACKING, CsvColumn, is_date, is_number
 
 GZIP_MAGIC = b"\x1f\x8b"
@@ -293,15 +294,24 @@ class CsvTable:
         return next((row for line, row in self._rows() if line > self._skip), [])
 
     def _find_units(self) -> list[str]:
-        """The row below the names without its brackets, where it has words instead of numbers."""
-        line, row = next((one for one in self._rows() if one[0] > self._skip), (0, []))
-        cells = [cell.strip().strip("[](){}") for cell in row]
-        words = [cell for cell in cells if not (is_number(cell) or cell.lower() in LACKING)]
-        numbers = [cell for cell in cells if is_number(cell) and cell != NO_UNIT]
-        if numbers or not words or len(row) < len(self.names):
-            return [""] * len(self.names)
-        self._skip = line
-        return ["" if cell == NO_UNIT else cell for cell in cells]
+        """Of the rows of words below the names the one of units, without its brackets.
+
+        Some loggers give long names, units and short names: the most known units tell which it is.
+        """
+        found = [""] * len(self.names)
+        known = -1
+        for line, row in itertools.islice(self._rows(), LOOK_AHEAD):
+            if line <= self._skip:
+                continue
+            cells = [cell.strip().strip("[](){}") for cell in row]
+            words = [cell for cell in cells if not (is_number(cell) or cell.lower() in LACKING)]
+            values = [c for c in cells if (is_number(c) and c != NO_UNIT) or is_date(c)]
+            if values or not words or len(row) < len(self.names):
+                break
+            self._skip = line
+            if (count := sum(is_unit(cell) for cell in cells)) > known:
+                found, known = ["" if cell == NO_UNIT else cell for cell in cells], count
+        return found
 
 
 def _numbers(count: int) -> list[str]:

@@ -78,6 +78,12 @@ LOOKS = {
     ),
     "header as a comment": lambda: "# " + PLAIN,
     "row of units": lambda: PLAIN.replace("t,u,n\n", "t,u,n\ns,V,rad/s\n"),
+    "rows of units and of short names": lambda: PLAIN.replace(
+        "t,u,n\n", "t,u,n\ns,V,rad/s\nx,y,z\n"
+    ),
+    "rows of short names and of units": lambda: PLAIN.replace(
+        "t,u,n\n", "t,u,n\nx,y,z\n[s],[V],[rad/s]\n"
+    ),
     "no line end at the end": lambda: PLAIN.rstrip(),
     "spaces after commas": lambda: PLAIN.replace(",", ", "),
     "trailing delimiters": lambda: PLAIN.replace("\n", ",\n"),

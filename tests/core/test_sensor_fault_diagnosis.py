@@ -13,7 +13,7 @@ from ldt_core.base.experiment import Experiment
 from ldt_core.cli.diagnose import _print as told_on_terminal
 from ldt_core.diagnosis.diagnose import diagnose
 from ldt_core.effects import get_effect
-from ldt_core.machine.sensor_check import fault
+from ldt_core.machine.sensor_check import doubt, fault
 from ldt_core.views.diagnosis_page.diagnosis_sections import answer
 
 FEW = [get_effect(n) for n in ("sensor_bias", "viscous_friction", "motor_constant", "unbalance")]
@@ -52,6 +52,17 @@ def test_a_speed_that_a_reversed_voltage_does_not_move_is_no_blocked_rotor():
     reversing = replace(stuck, voltage=np.where(np.arange(len(stuck)) < len(stuck) / 2, 9.0, -9.0))
     assert "a sensor that sticks" in fault(SHORT, reversing, before)
     assert fault(SHORT, replace(reversing, speed=0 * stuck.speed), before) == ""
+
+
+def test_a_shaft_that_friction_holds_is_no_dead_sensor():
+    """Up to a quarter of the highest voltage, where no sensor's noise has been seen before."""
+    volts = np.repeat([0.0, 0.1, 0.2], 100) * max(SHORT.voltage_limits)
+    still = Experiment(1, 0.0, 0.01, volts, 0 * volts)
+    assert fault(SHORT, still) == ""
+    assert doubt(SHORT, still) == ""
+    driven = replace(still, voltage=2 * volts)
+    assert "a sensor that is dead, or a blocked rotor" in fault(SHORT, driven)
+    assert "a blocked rotor" in fault(SHORT, still, made(2, effects=[]))
 
 
 def test_a_sensor_that_fails_later_does_not_hide_what_the_machine_has():

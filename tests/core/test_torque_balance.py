@@ -147,6 +147,32 @@ def test_no_command_is_proposed_that_would_be_refused():
         balanced_machine([free], ["gravity_imbalance"], "pendulum")
 
 
+def stopped(friction=2.0):
+    """A geared motor whose shaft friction holds at up to 2 of 9 V, as an encoder shows it."""
+    volts = np.repeat([0, 1, 2, -1, -2, 0, 4, 6, 9, 0, -4, -6, -9, 0.0], 150)
+    speed, seen = 0.0, np.empty(volts.size)
+    for k in range(volts.size):
+        seen[k] = speed
+        for _ in range(SUBSTEPS):
+            pull = PERIOD / SUBSTEPS * (9.0 * volts[k] - 2.5 * speed)
+            brake = PERIOD / SUBSTEPS * 9.0 * friction
+            speed = np.sign(speed + pull) * max(abs(speed + pull) - brake, 0.0)
+    return Experiment(1, 0.0, PERIOD, volts, np.round(seen / 0.05) * 0.05)
+
+
+def test_a_shaft_that_friction_holds_does_not_hide_the_friction():
+    """Its standing still was taken for a voltage without effect, and the friction for a third."""
+    measured = stopped()
+    found = fitting([measured])
+    assert found is not None
+    assert found.effects == ("coulomb_friction",)
+    assert found.amounts["coulomb_friction"]["torque"] == pytest.approx(18.0, rel=0.1)
+    assert found.gain == pytest.approx(9.0, rel=0.1)
+    machine = balanced_machine([measured], ["coulomb_friction"], "geared")
+    predicted = PhysicsModel(machine).predict(measured).speed
+    assert np.sqrt(np.mean((predicted - measured.speed) ** 2)) < 0.05 * measured.speed.std()
+
+
 def test_friction_that_would_have_to_drive_is_none():
     """As the drag of a fan looks to a balance: neither proposed nor written, as friction of 0."""
     fan = [swung(gravity=0.0, drag=0.05)]
