@@ -80,7 +80,7 @@ def sentence(
             f"{what[0].upper()}{what[1:]} {verb} the gap{place}: with {that}, and a "
             f"start state of its own for each held-out experiment, the error falls from "
             f"{begun[0].rmse:.3g} to {begun[1].rmse:.3g} rad/s, noise is {gap.noise_std:.3g}. "
-            f"Where the start state is unknown, {that} cannot be predicted "
+            f"Where the start state is unknown, the speed cannot be predicted "
             f"({gap.after.rmse:.3g} rad/s)."
         )
     more = gap.after.rmse**2 > THRESHOLDS.plainly_structured * gap.noise_std**2

@@ -15,7 +15,7 @@ import numpy as np
 
 from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError
-from ldt_core.base.experiment import Experiment
+from ldt_core.base.experiment import Experiment, rms
 from ldt_core.diagnosis.diagnosis import HeldOutErrors
 from ldt_core.diagnosis.effect_fit import EffectFit
 from ldt_core.diagnosis.effect_set_search import EffectSetSearch
@@ -104,7 +104,12 @@ def _asked(
     noise = noise_there(held, after, decision.residuals.noise[0], search.found.band.limit)
     begun = begun_errors(machine, best, held)
     pair = begun or (errors(held, before), errors(held, after))
-    why = objection(machine, best, fitted, held, *pair, noise) or unlike_current(search.found, best)
+    why = (
+        objection(machine, best, fitted, held, *pair, noise)
+        or unlike_current(search.found, best)
+        or (begun and astray(held, before, after))
+        or ""
+    )
     if not why and begun is None and _apart(fitted, held):
         instead = curves.instead(best, after, noise)
         if instead:
@@ -169,6 +174,26 @@ def objection(
     if sure > LEFT * whole and not worse and _fails(machine, best, fitted, held, noise):
         return f"it leaves {after.rmse:.3g} of {before.rmse:.3g} rad/s on held-out experiments"
     return ""
+
+
+def astray(held: Sequence[Experiment], before: Sequence[Array], after: Sequence[Array]) -> str:
+    """The objection that a set predicts the usual start worse than no machine would; "" if not.
+
+    An angle of its own moves a run from one motion to another of the machine's. What drives the
+    runs further away than a shaft at standstill is its start state, fitted to follow anything.
+
+    Args:
+        held: experiments held out.
+        before, after: (L,) free runs of each without the set and with it [rad/s].
+    """
+    was, now = errors(held, before).rmse, errors(held, after).rmse
+    still = rms(np.concatenate([e.speed for e in held]))
+    if now <= max(was, still):
+        return ""
+    return (
+        f"from the usual start it leaves {now:.3g} rad/s, where a shaft that stands still leaves "
+        f"{still:.3g}"
+    )
 
 
 def unlike_current(found: FittedSets, best: EffectFit) -> str:

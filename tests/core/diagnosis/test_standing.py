@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from recorded_machines import MOTOR, NOISE, candidates, record
 
+from ldt_core.base.experiment import Experiment
 from ldt_core.diagnosis.diagnose import diagnose
 from ldt_core.diagnosis.diagnosis import HeldOutErrors
 from ldt_core.diagnosis.effect_fit import EffectFit
@@ -17,7 +18,7 @@ from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
 from ldt_core.diagnosis.holdout import errors, free_run
 from ldt_core.diagnosis.nominal import beyond
 from ldt_core.diagnosis.nominal_prior import NominalPrior
-from ldt_core.diagnosis.standing import objection
+from ldt_core.diagnosis.standing import astray, objection
 from ldt_core.diagnosis.thresholds import THRESHOLDS
 from ldt_core.diagnosis.verdict import is_gap
 from ldt_core.effects import get_effect
@@ -267,3 +268,13 @@ def test_an_amount_far_from_none_is_told_however_wide_its_interval():
     told = {c.effect: c.parameters for c in found.candidates}["quadratic_drag"]["c"]
     assert told.ci95 is not None
     assert 0 < told.ci95[0] < 2e-4 < told.ci95[1]
+
+
+def test_a_start_state_that_follows_anything_explains_nothing():
+    """From the usual start, of a far end that nobody saw, the runs left 428 rad/s of 157."""
+    volts = np.ones(50)
+    held = [Experiment(k, float(k), 0.1, volts, 100 + 0 * volts) for k in (1, 2)]
+    file, wild, other = ([e.speed + d for e in held] for d in (40.0, 400.0, 60.0))
+    assert "400 rad/s, where a shaft that stands still leaves 100" in astray(held, file, wild)
+    assert astray(held, file, other) == ""
+    assert astray(held, wild, wild) == ""  # the file's own runs say no more
