@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 NO_TABLES = (".yaml", ".yml", ".json", ".html")  # a machine file, settings, a page
 MOST_FILES = 5  # that are named; the command has all
+MOST_LENGTHS = 3  # of experiments that are told; --json has all
 MOST_JOINTS = 4  # of a topic that are listed
 MOST_TOPICS = 12  # of a foreign recording that are listed; a robot has hundreds
 CHANNELS = ("voltage [V]", "speed [rad/s]")
@@ -143,12 +144,13 @@ def _described(bag: Bag, health: Health) -> tuple[dict[str, Any], dict[str, str]
     }
     lines = {"recording": str(health.path), "machine": health.machine or "not recorded"}
     lines["experiments"] = _experiments(health)
-    lines["length"] = ", ".join(
+    told = [
         f"{plain(item['samples'] * item['period'], 4)} s ({item['samples']} samples at "
         f"{plain(1 / item['period'], 4)} Hz)"
         + (f" of {item['experiments']}" if len(lengths) > 1 else "")
-        for item in lengths[:3]
-    )
+        for item in lengths
+    ]
+    lines["length"] = some(told, MOST_LENGTHS)
     lines["channels"] = ", ".join(channels)
     lines["recorded"] = _when(begin, end)
     if health.judged:

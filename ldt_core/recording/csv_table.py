@@ -2,8 +2,8 @@
 
 Understands what loggers and spreadsheets write: comma, semicolon, tab, bar or blanks between cells,
 decimal commas, quotes, a byte-order mark, comment lines (# or %), a header or none, rows of units
-and of other names below it, dates with a time (ISO 8601, or 31.12.2026 08:00), gzip. It is read as a stream: in memory
-are the numbers of the columns that are asked for.
+and of other names below it, dates with a time (ISO 8601, or 31.12.2026 08:00), gzip. It is read as
+a stream: in memory are the numbers of the columns that are asked for.
 """
 
 from __future__ import annotations

@@ -627,6 +627,20 @@ def test_a_foreign_recording_is_imported_by_topic_field_and_index(tmp_path):
     assert one.voltage == pytest.approx(VOLTS / 1000)
 
 
+def test_info_says_how_many_more_lengths_of_experiments_there_are(tmp_path, capsys):
+    """Of files of four lengths three were told, as if there were no other."""
+    text = PLAIN.splitlines(keepends=True)
+    files = [str(table(tmp_path / f"{n}.csv", "".join(text[:n]))) for n in (8, 10, 12, 14)]
+    bag = str(tmp_path / "bag")
+    fields = ["--voltage", "u", "--speed", "n", "--time", "t"]
+    assert invoke(command, [*files, *fields, "--out", bag]) == 0
+    capsys.readouterr()
+    assert invoke(info, [bag]) == 0
+    said = capsys.readouterr().out
+    assert said.count("samples at") == 3
+    assert "of 1 and 1 more\n" in said
+
+
 def test_a_foreign_recording_says_which_element_is_which_joint_s(tmp_path, capsys):
     """[0] was proposed, whose joint stood still; of two joints the reader chooses."""
     assert invoke(info, [str(foreign(tmp_path / "bag"))]) == 0
