@@ -21,7 +21,14 @@ from ldt_core.base.own_process import kept_alive
 from ldt_core.base.registry import entry_points, own_place
 from ldt_core.base.stopping import EXIT_CODE, Interrupted, interrupted_by_signals
 from ldt_core.cli.completion import VARIABLE, register
-from ldt_core.cli.spelling import SuggestingGroup, missing, nameless, unknown_option, unusable
+from ldt_core.cli.spelling import (
+    HELP,
+    SuggestingGroup,
+    missing,
+    nameless,
+    unknown_option,
+    unusable,
+)
 from ldt_core.cli.terminal import echo, results_alone, warn
 
 GROUP = "ldt.command"
@@ -31,7 +38,7 @@ NO_EXCEPTION = "raised what is no Exception"
 CLICK = click.core.__name__
 UNNAMEABLE = (errno.ENAMETOOLONG, errno.ELOOP)  # what no file can be called
 # As wide as the terminal up to 100 columns: the options' descriptions are sentences.
-CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
+CONTEXT = {"help_option_names": HELP, "max_content_width": 100}
 
 
 #: Headings of `ldt --help` → commands, in the order in which a newcomer needs them.

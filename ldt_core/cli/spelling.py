@@ -12,6 +12,7 @@ import click
 from ldt_core.base.errors import MOST_BESIDE_NEAREST, OptionError, did_you_mean, most_alike
 from ldt_core.cli.outputs import FORMER
 
+HELP = ["-h", "--help"]
 #: Command and option that people expect of it → what to do instead, where no spelling is near.
 INSTEAD = {
     **{
@@ -65,7 +66,8 @@ def refuse_twice(command: click.Command, arguments: Sequence[str]) -> None:
     """
     flags = {flag for p in command.params for flag in p.opts}
     present = [a if a in flags else FORMER.get(a, a) for a in arguments]
-    context = click.Context(command, resilient_parsing=True)
+    # A command keeps the help option that it is asked for first.
+    context = click.Context(command, resilient_parsing=True, help_option_names=HELP)
     _, _, typed = command.make_parser(context).parse_args(present)
     for option, count in Counter(typed).items():
         place = isinstance(option, click.Option) and {*option.opts} & {*PLACES, *OTHER_PLACES}

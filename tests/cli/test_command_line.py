@@ -106,8 +106,9 @@ def test_help_is_short_and_says_where_the_rest_is(capsys):
         assert len(listed) <= 18, name
         own = [p for p in command.params if "--help-all" not in p.opts]
         assert ("  --help-all" in listed) == (len(own) > 17), name
-        assert invoke(ldt, [*name.split(), "--help-all"]) == 0
-        assert capsys.readouterr().out.startswith("Usage: ldt")
+        for flag in ("--help-all", "-h"):
+            assert invoke(ldt, [*name.split(), flag]) == 0
+            assert capsys.readouterr().out.startswith("Usage: ldt")
 
 
 def test_a_long_help_has_sections_and_says_what_a_flag_is_by_default(capsys):
