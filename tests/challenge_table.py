@@ -5,9 +5,9 @@ ldt challenge score cases cases.key.json --out score --no-comparators
 python -m tests.challenge_table score
 
 keeps what the tables need in `bags/challenge.json` and writes them anew, with the diagram of how
-often a stated confidence was right. With --add the rounds kept before stay beside it. A second
-folder is one with comparators, of the first cases; without one, the table of comparators stays that
-of the round in which they were last asked.
+often a stated confidence was right. With --add the rounds kept before stay beside it; one of them
+is not added again. A second folder is one with comparators, of the first cases; it may be the same.
+Without one, the table of comparators stays that of the round in which they were last asked.
 """
 
 from __future__ import annotations
@@ -44,14 +44,15 @@ def kept(folders: Sequence[Path], before: Mapping[str, Any], add: bool = False) 
     scores = [json.loads((f / "score.json").read_text("utf-8")) for f in folders]
     of_key = {"sha256": scores[0]["keys"][0]["sha256"]}
     own = [c for c in _slim(scores[0]) if c["who"] == DIAGNOSIS]
-    rounds = [*(before.get("rounds", []) if add else []), {**of_key, "cases": len(own)}]
+    rounds, cases = (before.get(n, []) if add else [] for n in ("rounds", "cases"))
+    if all(r["sha256"] != of_key["sha256"] for r in rounds):
+        rounds, cases = [*rounds, {**of_key, "cases": len(own)}], [*cases, *own]
     compared = before.get("compared", {})
     if others := [c for s in scores[1:] for c in _slim(s) if c["who"] != DIAGNOSIS]:
         asked = {c["case"] for c in others}
         compared = {**of_key, "cases": [*(c for c in own if c["case"] in asked), *others]}
-    own = [*(before["cases"] if add else []), *own]
     about = {"rounds": rounds, "stamp": scores[0]["stamp"]}
-    return {**about, "cases": own, "compared": compared}
+    return {**about, "cases": cases, "compared": compared}
 
 
 def _slim(score: Mapping[str, Any]) -> list[Case]:

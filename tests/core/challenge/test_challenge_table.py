@@ -43,6 +43,8 @@ def test_comparators_stay_those_of_the_round_in_which_they_were_asked(tmp_path):
     compared = [(c["who"], c["case"]) for c in anew["compared"]["cases"]]
     assert compared == [("diagnosis", "a"), ("greedy", "a")]
     assert [c["case"] for c in anew["cases"]] == ["a", "b"]
-    more = kept([own], anew, add=True)
+    assert kept([own, others], anew, add=True) == anew  # a round that is there already
+    later = {**anew, "rounds": [{"sha256": "1", "cases": 2}]}
+    more = kept([own], later, add=True)
     assert [c["case"] for c in more["cases"]] == ["a", "b", "a", "b"]
     assert [r["cases"] for r in more["rounds"]] == [2, 2]
