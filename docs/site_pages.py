@@ -22,6 +22,7 @@ import msgs_config
 from ldt_core import docs
 from ldt_core.base.settings import flag_of
 from ldt_core.cli import SECTIONS, ldt
+from ldt_core.cli.spelling import HELP
 from ldt_core.effects import EFFECTS, get_effect
 
 REPOSITORY = Path(__file__).resolve().parents[1]
@@ -103,7 +104,7 @@ def commands() -> str:
 
 def _command(command: click.Command, path: str) -> Iterator[str]:
     yield f"### {path}"
-    context = click.Context(command, info_name=path)
+    context = click.Context(command, info_name=path, help_option_names=HELP)
     paragraphs = inspect.cleandoc(command.help or "").split("\n\n")
     for text in paragraphs:
         example = text.removeprefix("Example: ")
