@@ -249,7 +249,9 @@ class StructureSearch(Screening):
                     here = Present(rest, given, best.prior)
                     known[laws] = yield from self.fitted(here, rest, sized=False)
                 fewer.append(known[laws])
-            least = min(fewer, key=lambda s: s.score, default=best)
+            # Under the noise that a model far off leaves, what explains nothing may score better.
+            explaining = (s for s in fewer if s.explains)
+            least = min(explaining, key=lambda s: s.score, default=best)
             if least is best or least.score > best.score:
                 break
             best = least

@@ -147,6 +147,22 @@ def test_only_an_effect_that_may_not_be_needed_is_tried_without(monkeypatch):
     assert asked == [(UNBALANCE,)]
 
 
+def test_what_explains_is_not_given_up_for_what_does_not(monkeypatch):
+    """Where the noise seems larger than it is, fewer effects score better."""
+    (first,) = experiments(ROTOR, 1, [("unbalance", {"e": 0.01})], seed=4)
+    model, both = GreyBoxModel(ROTOR), (UNBALANCE, get_effect("coulomb_friction"))
+    search = model.search_on([first])
+    found, fitted = finished(search.fitted(model.present, both)), search.fitted
+
+    def failing(*asked, **how):
+        fewer = yield from fitted(*asked, **how)
+        return replace(fewer, score=0.0, fit=replace(fewer.fit, explained=False))
+
+    monkeypatch.setattr(search, "fitted", failing)
+    assert found.explains
+    assert finished(search.pruned(found)) is found
+
+
 def test_a_record_makes_the_same_model():
     """To the last bit, and a spoilt one is refused."""
     first, second = experiments(ROTOR, 2, [("coulomb_friction", {"torque": 0.1})], seed=8)
