@@ -22,7 +22,6 @@ import msgs_config
 from ldt_core import docs
 from ldt_core.base.settings import flag_of
 from ldt_core.cli import SECTIONS, ldt
-from ldt_core.cli.spelling import HELP
 from ldt_core.effects import EFFECTS, get_effect
 
 REPOSITORY = Path(__file__).resolve().parents[1]
@@ -104,7 +103,7 @@ def commands() -> str:
 
 def _command(command: click.Command, path: str) -> Iterator[str]:
     yield f"### {path}"
-    context = click.Context(command, info_name=path, help_option_names=HELP)
+    context = click.Context(command, info_name=path)
     paragraphs = inspect.cleandoc(command.help or "").split("\n\n")
     for text in paragraphs:
         example = text.removeprefix("Example: ")

@@ -17,6 +17,7 @@ from ldt_core.cli.completion import among, known
 from ldt_core.cli.idle_options import refuse_idle
 from ldt_core.cli.outputs import present_spelling
 from ldt_core.cli.recorded_machine import machine_of
+from ldt_core.cli.spelling import HELP
 from ldt_core.cli.terminal import echo, warn
 
 _TYPES = {"integer": click.INT, "double": click.FLOAT, "string": click.STRING}
@@ -104,7 +105,9 @@ _HELP_ALL, _HELP_ALL_SAME = (
 
 
 def with_all_help(command: click.Command) -> click.Command:
-    """A command whose --help lists all, with --help-all beside it: the pages tell of both."""
+    """A command with -h, and --help-all where --help lists all as well: the pages tell of both."""
+    # click keeps the help option of the context that asks first, be it one without -h.
+    command.get_help_option(click.Context(command, help_option_names=HELP))
     if not isinstance(command, Command) and _HELP_ALL_SAME not in command.params:
         command.params.append(_HELP_ALL_SAME)
     if isinstance(command, click.Group):

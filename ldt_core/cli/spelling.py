@@ -66,8 +66,7 @@ def refuse_twice(command: click.Command, arguments: Sequence[str]) -> None:
     """
     flags = {flag for p in command.params for flag in p.opts}
     present = [a if a in flags else FORMER.get(a, a) for a in arguments]
-    # A command keeps the help option that it is asked for first.
-    context = click.Context(command, resilient_parsing=True, help_option_names=HELP)
+    context = click.Context(command, resilient_parsing=True)
     _, _, typed = command.make_parser(context).parse_args(present)
     for option, count in Counter(typed).items():
         place = isinstance(option, click.Option) and {*option.opts} & {*PLACES, *OTHER_PLACES}
