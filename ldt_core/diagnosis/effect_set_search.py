@@ -105,7 +105,26 @@ class EffectSetSearch(RelatedSets):
                 break
         for size in range(1, count + 1):
             self._finish(size)
+        for largest in self._best(count)[:1]:
+            self._divide(largest)
         return self.found
+
+    def _divide(self, best: EffectFit) -> None:
+        """Fit sets of one effect more that need no more parameters than a set that leaves noise.
+
+        The three of a soft coupling imitate an inertia and a friction, which have one each.
+        """
+        if self.spent or not self.leaves_noise(best):
+            return
+        count, tries = len(best.effects), []
+        for base in [f for f in self._best(count) if f.free < best.free][:BASES]:
+            room = best.free - base.free
+            ranked = self.responses.promised_beside(base)
+            fit_in = [(c, z) for c, z, _ in ranked if len(c) - c.details <= room]
+            tries += [self._with(base, c, z) for c, z in fit_in[:ADDED]]
+        for f in self._scout(tries):
+            if self.near(f, best):
+                self.finish(f)
 
     def _noise_alone(self, best: EffectFit) -> bool:
         """Whether a set leaves noise alone, measured anew on it: the gap made it look rougher."""
@@ -316,13 +335,28 @@ class EffectSetSearch(RelatedSets):
             ranked = self.responses.promised_beside(rest)
             self._scout([self._with(rest, c, z) for c, z, _ in ranked if c.name == member.name])
 
-    def alternatives(self, base: EffectFit) -> list[EffectFit]:
-        """Sets that differ from a set in one member, the most promising, fitted on all."""
+    def _exchanged(self, base: EffectFit) -> list[TriedSet]:
+        """Sets that differ from a set in one member, the most promising."""
         tries = []
         for leave in range(len(base.effects)):
             rest = self._without(base, leave)
             more = [] if self.spent else self.additions(rest, RIVALS + 1, RIVAL_CLOSE)
             tries += [self._with(rest, c, z) for c, z in more if c.name not in base.names]
+        return tries
+
+    def exchange(self, base: EffectFit) -> None:
+        """Fit on all experiments what differs in one member from a set as good as the best."""
+        scouted = self.found.scouted
+        new = [
+            t for t in self._exchanged(base) if frozenset(c.name for c in t.members) not in scouted
+        ]
+        for f in self._scout(new):
+            if self.near(f, scouted[frozenset(base.names)]):
+                self.finish(f)
+
+    def alternatives(self, base: EffectFit) -> list[EffectFit]:
+        """Sets that differ from a set in one member, the most promising, fitted on all."""
+        tries = self._exchanged(base)
         # A law of fewer parameters, and what no recording tells from a member, whatever it costs.
         plain, twins = self._with_plainer_laws(base), self._with_twins(base)
         tries += [*twins, *(t for b in plain for t in self._with_twins(b))]

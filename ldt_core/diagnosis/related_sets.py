@@ -74,11 +74,21 @@ class RelatedSets(SetFits):
         for i, member in enumerate(base.effects):
             given = member.given(base.z[i])
             for c in self._relatives(member):
-                if given.keys() < c.effect.neutral.keys() and c.name not in base.names:
+                if len(c) <= len(member) or c.name in base.names:
+                    continue
+                if given.keys() < c.effect.neutral.keys():
                     begun = [c.coordinates({**c.given(z), **given}) for z in c.starts()]
                     begun = list({z.tobytes(): z for z in begun}.values())
-                    tries += self._replaced(base, i, c, begun, FULLER, base.starts)
+                else:
+                    begun = self._as_strong(c, base, i)
+                tries += self._replaced(base, i, c, begun, FULLER, base.starts)
         return tries
+
+    def _as_strong(self, instead: Candidate, base: EffectFit, place: int) -> list[Array]:
+        """Coordinates of another law that does about what a member does."""
+        whole, without = self.scout.of_all([base.use, [*base.use[:place], *base.use[place + 1 :]]])
+        start = self.responses.likest(instead, np.subtract(without, whole))
+        return [instead.scaled(start, k) for k in AS_STRONG]
 
     def _with_plainer_laws(self, base: EffectFit) -> list[EffectFit]:
         """Sets with relatives of fewer parameters in the place of one member, or of several."""
@@ -98,12 +108,7 @@ class RelatedSets(SetFits):
         tries: list[TriedSet] = []
         known = {c.name: c for c in self.candidates}
         for i, member in enumerate(base.effects):
-            names = sorted(self.twins.get(member.name, set()) - set(base.names))
-            rest = [*base.use[:i], *base.use[i + 1 :]]
-            whole, without = self.scout.of_all([base.use, rest]) if names else ((), ())
-            for name in names:
+            for name in sorted(self.twins.get(member.name, set()) - set(base.names)):
                 twin = known[name]
-                start = self.responses.likest(twin, np.subtract(without, whole))
-                begun = [twin.scaled(start, k) for k in AS_STRONG]
-                tries += self._replaced(base, i, twin, begun, 1)
+                tries += self._replaced(base, i, twin, self._as_strong(twin, base, i), 1)
         return tries

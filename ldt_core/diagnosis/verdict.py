@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -14,8 +13,16 @@ from ldt_core.diagnosis.attribution import vague
 from ldt_core.diagnosis.confidence import decades
 from ldt_core.diagnosis.effect_fit import EffectFit
 from ldt_core.diagnosis.effect_set_search import EffectSetSearch
+from ldt_core.diagnosis.equally_good import (
+    as_good_as_first,
+    divided,
+    in_place_of_each,
+    may_be_the_answer,
+    no_cause,
+    unexplained,
+)
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
-from ldt_core.diagnosis.model_selection import FittedSets, kin, plain_enough, worth_more
+from ldt_core.diagnosis.model_selection import FittedSets, kin, worth_more
 from ldt_core.diagnosis.other_minima import other_minima
 from ldt_core.diagnosis.thresholds import THRESHOLDS
 
@@ -50,27 +57,7 @@ class Decision:
     @property
     def acting(self) -> list[list[str]]:
         """For each effect that acts, the names that it may have; the best first."""
-        return _groups(self.best, self.alike) if self.best is not None else []
-
-
-def _groups(best: EffectFit, alike: Sequence[EffectFit]) -> list[list[str]]:
-    """For each effect of a set, its name and those that the others have in its place."""
-    groups = [[name] for name in best.names]
-    family = {c.name: c.effect.family for f in alike for c in f.effects}
-    for other in alike:
-        new = [n for n in other.names if n not in best.names]
-        gone = [g for g in groups if g[0] not in other.names]
-        # Where several differ, one stands for that of its own family.
-        for name in list(new):
-            for group in gone:
-                if family[name] and family[name] == family[group[0]]:
-                    group += [name] if name not in group else []
-                    new.remove(name)
-                    gone.remove(group)
-                    break
-        for group in gone:
-            group += [n for n in new if n not in group]
-    return groups
+        return in_place_of_each(self.best, self.alike) if self.best is not None else []
 
 
 def is_gap(found: FittedSets, seed: int) -> bool:
@@ -143,14 +130,20 @@ def choose(search: EffectSetSearch, seed: int) -> Decision:
         search.finish(found.scouted[frozenset(chosen.names)])
         pool = found.standing(len(chosen.names)) or [chosen]
         gap = band.speed_gap(found.base, pool[0].residual)
-        alike = _alike(found, pool, gap)
+        alike = may_be_the_answer(found, pool, gap)
         # A plainer one in its place has rivals of its own, which differ from the first in two.
         own = frozenset(alike[0].names) in asked
+        if own:
+            alike = _with_rivals_of_rivals(search, alike, gap)
         chosen = _without_the_vague(search, alike, gap) if own else alike[0]
+        if chosen is None:
+            plainer = (f for f in divided(found, alike[0]) if f.free < alike[0].free)
+            chosen = next((f for f in plainer if frozenset(f.names) not in asked), None)
     best = alike[0]
+    alike += divided(found, best)
     left, gap = band.speed_excess(best.residual), band.speed_gap(found.base, best.residual)
     structured = band.excess(best.residual) > band.limit_of(THRESHOLDS.remainder_false_alarm)
-    unknown = _no_cause(found, best, gap)
+    unknown = no_cause(found, best, gap)
     kind = "unknown" if unknown else "ambiguous" if len(alike) > 1 else "effect"
     nearest = min(alike, key=found.loss)
     rivals = [f for f in pool if f not in alike and found.loss(f) > found.loss(nearest)]
@@ -161,23 +154,20 @@ def choose(search: EffectSetSearch, seed: int) -> Decision:
     return Decision(kind, best, tuple(alike), gap, left, structured, residuals, grounds)
 
 
-def _alike(found: FittedSets, pool: Sequence[EffectFit], gap: float) -> list[EffectFit]:
-    """Of sets of one size those that may be the answer, the one that predicts best first."""
-    alike = plainest(found, _as_good(found, pool), pool, gap)
-    # What leaves too much in the speed is no answer, however well it follows the current.
-    alike = [f for f in alike if not _no_cause(found, f, gap)] or alike
-    alike = sorted(alike, key=lambda f: kin(f.effects))  # else the best first, as before
-    # Of laws of one family the one that follows the machine best is what predicts it.
-    clear = THRESHOLDS.indistinguishable_loss
-    # One whose fit ran to its end is no answer where another is as good. Before something new, what
-    # the machine is known to have may have changed.
-    least = min(map(found.loss, alike)) + clear
-    known = set(found.residuals.machine.acting)
+def _with_rivals_of_rivals(
+    search: EffectSetSearch, alike: list[EffectFit], gap: float
+) -> list[EffectFit]:
+    """The sets that may be the answer, with those that differ from the first in two members.
 
-    def order(f: EffectFit) -> tuple[bool, bool, int]:
-        return bool(f.ended), found.loss(f) > least, -len(known.intersection(f.names))
-
-    return sorted(alike, key=order)
+    Of a rigid motor that shows its gain and its time constant, any two numbers may have changed.
+    """
+    best, *others = alike
+    others = [f for f in others if f.families != best.families]
+    for f in others if len(best.effects) > 1 else ():
+        search.exchange(f)
+    pool = search.found.standing(len(best.effects))
+    again = may_be_the_answer(search.found, pool, gap) if others else alike
+    return sorted(again, key=lambda f: f is not best) if best in again else alike
 
 
 def _without_the_vague(
@@ -198,9 +188,9 @@ def _without_the_vague(
         if search.found.left(part) <= limit:
             return part
     family = {c.name: c.effect.family or c.name for f in alike for c in f.effects}
-    for group in _groups(best, alike):
-        if len({family[name] for name in group}) < 2:
-            continue
+    several = [g for g in in_place_of_each(best, alike) if len({family[name] for name in g}) > 1]
+    # Where nothing is common to all sets, no part of one is known better than the whole.
+    for group in several if len(several) < len(best.effects) else ():
         part = search.part_without(best, group[0])
         if not worth_more(search.found, part, best, gap, departing=True):
             return part
@@ -233,30 +223,6 @@ def _grounds(
     }
 
 
-def _unexplained(found: FittedSets, left: Any, gap: Any) -> Any:
-    """Whether so much of the gap is left, in one draw or in each of many, that it is no cause.
-
-    More than noise alone, and a stated part of the gap: two questions. What noise may be is not
-    taken off what is left, which is free of noise on average; what the machine file's own laws may
-    be off by is.
-    """
-    limit, left = found.band.speed_limit(THRESHOLDS.remainder_false_alarm), left - found.own_laws
-    return (left > limit) & (left > THRESHOLDS.further_effect_of_gap * gap)
-
-
-def _no_cause(found: FittedSets, fitted: EffectFit, gap: float) -> bool:
-    """Whether a set leaves so much, beyond what its laws may depart, that it is no cause.
-
-    As much as would earn a further effect its name: there is one without. Where the file's own
-    numbers can follow the speed, and not the current, both together judge.
-    """
-    band = found.band
-    left = band.excess(fitted.residual) - found.departures.taken(fitted) - found.own_laws
-    if left <= THRESHOLDS.further_effect_of_gap * found.excess:
-        return False
-    return bool(_unexplained(found, found.left(fitted), gap))
-
-
 def _with_noise(residuals: FreeRunResiduals, level: tuple[float, float]) -> FreeRunResiduals:
     speed, current = (
         n * size * white
@@ -279,9 +245,9 @@ def _agreement(
     left = (power - noise)[pick].sum(axis=1)
     gap = np.maximum(explained, 0.0) + np.maximum(left, 0.0)
     departs = found.departures.taken(best) / max(float(power.sum()), 1e-300)
-    same = _unexplained(found, left - departs * power[pick].sum(axis=1), gap) == unknown
+    same = unexplained(found, left - departs * power[pick].sum(axis=1), gap) == unknown
     whole = band.speed_gap(found.base, best.residual)
-    if not unknown and _unexplained(found, found.left(best), whole):
+    if not unknown and unexplained(found, found.left(best), whole):
         same = np.ones_like(same)  # the current has decided
     own = _losses(found.residuals, best)[pick].sum(axis=1)
     for rival in rivals:
@@ -303,7 +269,7 @@ def _growing_sets(found: FittedSets, gap: float) -> list[EffectFit]:
             continue
         # Of the sets that are as good as the best, one that has not run to its end, with the fewest
         # effects of one family.
-        larger = min(_as_good(found, pool), key=lambda f: (bool(f.ended), kin(f.effects)))
+        larger = min(as_good_as_first(found, pool), key=lambda f: (bool(f.ended), kin(f.effects)))
         if worth_more(found, chosen[-1], larger, gap):
             chosen.append(larger)
     return chosen
@@ -322,66 +288,3 @@ def _largest_worth_its_parts(
         if all(worth_more(search.found, part, tried, gap) for part in parts):
             return tried
     return chosen[0]
-
-
-def _as_good(found: FittedSets, pool: Sequence[EffectFit]) -> list[EffectFit]:
-    """Sets that cannot be told from the first, by all channels and by the speed alone.
-
-    Nor what differs in laws of the same families by less than any law is off the machine's.
-    """
-    best, band, limits = pool[0], found.band, THRESHOLDS
-    least, share = limits.indistinguishable_loss, limits.indistinguishable_of_remainder
-    of_all = max(least, share * band.excess(best.residual))
-    of_speed = max(least, share * band.speed_excess(best.residual))
-    off = limits.law_error**2
-    related = (
-        max(of_all, off * found.excess),
-        max(of_speed, off * band.speed_gap(found.base, best.residual)),
-    )
-
-    def as_good(f: EffectFit) -> bool:
-        reach, speed_reach = related if f.families == best.families else (of_all, of_speed)
-        return found.loss(f) - found.loss(best) <= reach and found.behind(f, best) <= speed_reach
-
-    return [f for f in pool if as_good(f)]
-
-
-def _only_it_explains(found: FittedSets, best: EffectFit, simpler: EffectFit) -> bool:
-    """Whether a law explains the machine to the noise, and a simpler one plainly does not.
-
-    One that only mends the errors of a simpler law leaves some of them.
-    """
-    limit = found.band.speed_limit(THRESHOLDS.remainder_false_alarm)
-    if found.left(best) > limit:
-        return False
-    plainly = THRESHOLDS.plainly_structured * limit
-    return found.left(simpler) > plainly
-
-
-def plainest(
-    found: FittedSets, alike: Sequence[EffectFit], pool: Sequence[EffectFit], gap: float
-) -> list[EffectFit]:
-    """The sets that need the fewest parameters, the best first.
-
-    A law with more parameters follows a machine better even where a simpler one is right. So where
-    a simpler set leaves hardly more, it is the answer, and the other is named beside it if it does
-    fit better.
-    """
-    best = alike[0]
-    hopeless = _no_cause(found, best, gap)
-    close = [
-        f
-        for f in pool
-        if plain_enough(f, best, found.behind(f, best), gap)
-        and not _only_it_explains(found, best, f)
-        and (hopeless or not _no_cause(found, f, gap))
-    ]
-    if not close:
-        alike = [f for f in alike if f is best or not _only_it_explains(found, best, f)]
-        least = min(f.free for f in alike)
-        return [f for f in alike if f.free == least]
-    least = min(f.free for f in close)
-    plain = [f for f in close if f.free == least]
-    kept, limit = _as_good(found, plain), THRESHOLDS.indistinguishable_loss
-    related = [f for f in alike if f not in kept and found.loss(plain[0]) - found.loss(f) > limit]
-    return [*kept, *related[:1]]

@@ -29,6 +29,7 @@ from ldt_core.diagnosis.diagnosis import (
 )
 from ldt_core.diagnosis.effect_fit import EffectFit
 from ldt_core.diagnosis.effect_set_search import EffectSetSearch
+from ldt_core.diagnosis.equally_good import as_fewer
 from ldt_core.diagnosis.gap_location import places, steady_places
 from ldt_core.diagnosis.holdout import (
     FEWEST_EXPERIMENTS,
@@ -260,7 +261,9 @@ class VerdictReport:
         early = self.search.spent and self.decision.kind != "none"
         limit = "the search ended at its limit of work: other sets of effects were not tried"
         other = as_well(self.named, self.decision.alike)
-        told = [f"{few} {same}" if cut else "", self.beside, units, first, ends, scale, more, other]
+        fewer = as_fewer(self.search.found, self.named) if self.named else ""
+        cuts = f"{few} {same}" if cut else ""
+        told = [cuts, self.beside, units, first, ends, scale, more, other, fewer]
         known = {effect.name: values for effect, values in self.machine.effects}
         told += [grown(e, known[e.name], given) for e, given in self.use if e.name in known]
         return [note for note in (*told, limit if early else "") if note]

@@ -40,6 +40,7 @@ _FILES = {
         "input_bias",
         "input_deadzone",
         "input_delay",
+        "input_lag",
     ),
     "shaft": ("inertia", "cogging_torque", "torsional_compliance", "backlash"),
     "foundation": ("unbalance", "foundation_stiffness", "foundation_damping"),

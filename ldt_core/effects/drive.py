@@ -91,6 +91,24 @@ def _delayed(times, volts, delay):
     return times + delay, volts
 
 
+def _slowed(times, volts, time_constant):
+    steps = np.diff(times[1:], append=2 * times[-1] - times[-2])  # the last as long as before
+    if volts.size < 3 or time_constant < 1e-6 * steps[0]:  # its formula cancels there
+        return times, volts
+    return times, _means_behind(volts, steps, time_constant)
+
+
+@njit()
+def _means_behind(volts, steps, time_constant):  # pragma: no cover - compiled
+    """Means over each level's time of what a filter gives that has settled at the first one."""
+    means, given = volts.copy(), volts[0]
+    for k in range(steps.size):
+        ratio, behind = steps[k] / time_constant, given - volts[k + 1]
+        means[k + 1] = volts[k + 1] - behind * math.expm1(-ratio) / ratio
+        given = volts[k + 1] + behind * math.exp(-ratio)
+    return means
+
+
 def _amplified(times, volts, factor):
     return times, volts * factor
 
@@ -330,4 +348,17 @@ INPUT_DELAY = Effect(
     search={"delay": (0.01, 0.03, 0.08, 0.2)},
     on_voltage=_delayed,
     reference="Åström, Wittenmark, Computer-Controlled Systems, chapter 2 (time delay)",
+)
+
+INPUT_LAG = Effect(
+    name="input_lag",
+    family="lag",
+    description="the drive is slow: a filter of first order (looks like a slow sensor unless the "
+    "current is measured)",
+    equation="tau V' = command - V, by its mean over each sample period",
+    parameters=(Parameter("time_constant", "s", 0.0, default=0.0, description="tau", scale=0.05),),
+    typical={"time_constant": 0.05},
+    search={"time_constant": (0.01, 0.03, 0.1, 0.3)},
+    on_voltage=_slowed,
+    reference=f"{LEONHARD} (a converter as a lag of first order)",
 )

@@ -14,10 +14,11 @@ from ldt_core.diagnosis.attribution import shapley_shares
 from ldt_core.diagnosis.diagnose import diagnose
 from ldt_core.diagnosis.effect_fit import EffectFit, fit
 from ldt_core.diagnosis.effect_set_search import EffectSetSearch
+from ldt_core.diagnosis.equally_good import as_good_as_first, no_cause, plainest
 from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
 from ldt_core.diagnosis.model_selection import earned, kin, plain_enough, worth_more
 from ldt_core.diagnosis.thresholds import THRESHOLDS
-from ldt_core.diagnosis.verdict import Decision, _as_good, _no_cause, plainest
+from ldt_core.diagnosis.verdict import Decision
 from ldt_core.effects import EFFECTS, get_effect
 
 GAP = 1e6  # power
@@ -307,9 +308,9 @@ def test_what_the_current_shows_is_a_cause_though_the_file_can_follow_the_speed(
     found = Exact(CurrentBand())
     found.excess = 100 * GAP
     cause = two_channels("viscous_friction", speed=0.3 * GAP, current=GAP)
-    assert not _no_cause(found, cause, GAP)
+    assert not no_cause(found, cause, GAP)
     found.excess = 2 * GAP
-    assert _no_cause(found, cause, GAP)
+    assert no_cause(found, cause, GAP)
 
 
 @pytest.mark.slow
@@ -334,7 +335,7 @@ def test_laws_of_one_family_that_differ_by_less_than_laws_are_off_are_as_good():
     for part, names in ((0.9, True), (1.1, False)):
         relative = fitted("sensor_lag", "inertia", left=1.0 + part * off)
         other = fitted("input_delay", "viscous_friction", left=1.0 + part * off)
-        found = _as_good(Exact(Noiseless()), [best, relative, other])
+        found = as_good_as_first(Exact(Noiseless()), [best, relative, other])
         assert (relative in found) is names
         assert other not in found
 

@@ -184,6 +184,13 @@ def _delay(p, v, s, odd):
     p["delay"] = v["delay"] - p["actuator_time"]
 
 
+@electrical("input_lag", {"time_constant": "s"}, (5e-4, 0.3), drawn(late=(0.3, 0.5)))
+def _slow_drive(p, v, s, odd):
+    # In part a pure delay, with the library's group delay together.
+    p["delay"] = odd * s["late"] * v["time_constant"]
+    p["actuator_time"] = v["time_constant"] - p["delay"]
+
+
 @electrical(
     "brush_drop",
     {"voltage": "V"},
