@@ -105,24 +105,22 @@ class EffectSetSearch(RelatedSets):
                 break
         for size in range(1, count + 1):
             self._finish(size)
-        for largest in self._best(count)[:1]:
-            self._divide(largest)
+        largest = self._best(count) or self._best(count - 1)
+        self._divide(largest[0])
         return self.found
 
     def _divide(self, best: EffectFit) -> None:
-        """Fit sets of one effect more that need no more parameters than a set that leaves noise.
+        """Fit sets of one effect more that need no more parameters than the best set.
 
         The three of a soft coupling imitate an inertia and a friction, which have one each.
         """
-        if self.spent or not self.leaves_noise(best):
-            return
         count, tries = len(best.effects), []
         for base in [f for f in self._best(count) if f.free < best.free][:BASES]:
             room = best.free - base.free
             ranked = self.responses.promised_beside(base)
             fit_in = [(c, z) for c, z, _ in ranked if len(c) - c.details <= room]
             tries += [self._with(base, c, z) for c, z in fit_in[:ADDED]]
-        for f in self._scout(tries):
+        for f in self._scout(() if self.spent else tries):
             if self.near(f, best):
                 self.finish(f)
 
@@ -365,13 +363,16 @@ class EffectSetSearch(RelatedSets):
         self._from_parts(base)
         # Whatever led to them: what promises little where the rest has gone astray may do as well.
         tried |= {n for n in fitted if len(n) == count == len(n & best) + 1}
+        other = [f for n, f in fitted.items() if len(n) == count and n not in tried and n != best]
         scouted, found = fitted.get(best, base), [f for n, f in fitted.items() if n in tried]
         close = [f for f in found if self.near(f, scouted) or self._plainer(f, scouted)]
         # The plainest are the answer where they do, and more parameters always leave a little less.
         by_loss = sorted(close, key=lambda f: f.loss)
         plain = sorted((f for f in by_loss if f.free < base.free), key=lambda f: f.free)
         chosen = dict.fromkeys([*by_loss[:FINISHED_RIVALS], *plain[:FINISHED_RIVALS]])
-        done = [self.finish(f) for f in chosen]
+        # Nor need they share a member: what the scout cannot tell from the set is its rival, too.
+        apart = sorted((f for f in other if self.near(f, scouted)), key=lambda f: f.loss)
+        done = [self.finish(f) for f in [*chosen, *apart[:FINISHED_RIVALS]]]
         for twin in twins:
             self.as_far_as(base, twin)
         return done

@@ -25,6 +25,7 @@ from ldt_core.estimation.effect.cause import DIVERGED_SPEED, finite_speed
 from ldt_core.estimation.effect.effect_coordinates import EffectCoordinates, Use
 from ldt_core.estimation.start_at_rest import AT_REST, first_current
 from ldt_core.machine.machine_file import Machine
+from ldt_core.machine.stated_posterior import stated_posterior
 from ldt_core.physics.base import ANGLE, CURRENT, NOT_TRACKED, SPEED, FreeRun, Work
 from ldt_core.physics.effect import Effect
 from ldt_core.physics.machine_sizes import LIMITS, is_amount, is_limit, most_of
@@ -38,6 +39,8 @@ COARSE_STEP, FINE_STEP = 2e-3, 5e-4
 SHORTEST = 0.25
 #: Machine coordinates stay within so many tolerances; beyond, the file is of another machine.
 WIDEST = 8.0
+#: Of a tolerance: no combination of parameters is known better, so that the prior can be inverted.
+BEST_KNOWN = 0.01
 #: Start angles that are tried in what makes a difference of a turn.
 ANGLES = 8
 #: Gain of an observer that takes over the measured speed at each sample.
@@ -73,9 +76,26 @@ class Prior:
     precision: Array
 
     @classmethod
-    def of_file(cls, count: int) -> Prior:
-        """What the machine file says: its values, each with its tolerance."""
+    def apart(cls, count: int) -> Prior:
+        """The file's values, each within its tolerance whatever the others are."""
         return cls(np.zeros(count), np.eye(count))
+
+    @classmethod
+    def of_file(cls, machine: Machine, names: Sequence[str]) -> Prior:
+        """What the machine file says of these parameters: together, where it was calibrated.
+
+        A calibration may know the time constant of a motor far better than its inertia.
+        """
+        found, stated = cls.apart(len(names)), stated_posterior(machine)
+        if stated is None:
+            return found
+        together = [i for i, n in enumerate(names) if n in stated[0]]
+        places = [stated[0].index(names[i]) for i in together]
+        tolerance = np.array([machine.tolerances[names[i]] for i in together])
+        root = stated[1][places] / tolerance[:, None]
+        covariance = root @ root.T + BEST_KNOWN**2 * np.eye(len(together))
+        found.precision[np.ix_(together, together)] = np.linalg.inv(covariance)
+        return found
 
     def among(self, names: Sequence[str], others: Sequence[str]) -> Prior:
         """The same of other coordinates: of those that are gone whatever they are, and of new ones
@@ -90,7 +110,7 @@ class Prior:
         p = self.precision
         beside = np.linalg.solve(p[np.ix_(gone, gone)], p[np.ix_(gone, stay)])
         place = [list(others).index(names[i]) for i in stay]
-        found = Prior.of_file(len(others))
+        found = Prior.apart(len(others))
         found.mean[place] = self.mean[stay]
         found.precision[np.ix_(place, place)] = (
             p[np.ix_(stay, stay)] - beside.T @ p[np.ix_(gone, stay)]

@@ -89,7 +89,8 @@ class Causes:
                 others = list(map(spoken, self.alike if effect is self.effects[-1] else ()))
                 others += doubts.strained.get(name, ())
                 if others:
-                    said[-1] += f" (or {listed(others, 'or')}: not told apart)"
+                    amounts = ", and then with other amounts" if len(said) > 1 else ""
+                    said[-1] += f" (or {listed(others, 'or')}: not told apart{amounts})"
         taken = any(n in self.given for n in before.alike)  # for another one, not told apart
         for effect in before.effects:
             name = effect.name

@@ -74,8 +74,8 @@ class GreyBoxModel(Model):
 
     def untrained(self) -> dict[str, Any]:
         """The machine file's physics."""
-        count = len(GreyBox(self.machine, (), self.machine.tolerances).uncertain)
-        prior = _plain(Prior.of_file(count))
+        names = GreyBox(self.machine, (), self.machine.tolerances).uncertain
+        prior = _plain(Prior.of_file(self.machine, names))
         return {
             "machine": dict(self.machine.parameters),
             "effects": {},
@@ -133,7 +133,7 @@ class GreyBoxModel(Model):
         What was learned of the machine's own parameters is true if the effects of this version are
         all that act. A search doubts that, and begins with what the machine file says of them.
         """
-        return Present(self.effects, self.given, Prior.of_file(len(self.box.uncertain)))
+        return Present(self.effects, self.given, Prior.of_file(self.machine, self.box.uncertain))
 
     def predict(self, experiment: Experiment) -> Prediction:
         """Free run; `speed_std` is the noise and what the least known directions make of it.

@@ -82,7 +82,7 @@ def test_what_an_experiment_does_not_tell_stays_where_it_is_expected():
         search = model.search_on([e])
         box = GreyBox(model.machine, (friction,), model.machine.tolerances)
         near = box.coordinates(given, np.zeros(len(box.uncertain))) if expected else None
-        present = Present((), {}, Prior.of_file(len(box.uncertain)))
+        present = Present((), {}, Prior.apart(len(box.uncertain)))
         found = finished(search.fitted(present, (friction,), near))
         ((_, amounts),) = found.box.values(found.fit.q)[1]
         assert 0.015 < amounts["torque_forward"] < 0.025

@@ -112,7 +112,7 @@ def test_the_prior_holds_what_the_data_do_not_tell():
     """At e = 0 the foundation shows nothing, and stays as the file says."""
     first = experiments(OTHER, 1, seed=7)
     box = GreyBox(ROTOR, (), ROTOR.tolerances)
-    problem = GreyBoxProblem(box, first, 0.1, Prior.of_file(box.size))
+    problem = GreyBoxProblem(box, first, 0.1, Prior.apart(box.size))
     fit = finished(fit_grey_box(problem, [np.zeros(box.size)]))
     foundation = [box.uncertain.index(n) for n in ("m", "M", "K_x", "K_y", "R_x", "R_y")]
     assert np.abs(fit.q[foundation]).max() < 1e-6
@@ -123,7 +123,7 @@ def test_nothing_is_simulated_twice():
     """What a fit has just had it does not pay for again."""
     first = experiments(ROTOR, 2, seed=7)
     box = GreyBox(ROTOR, (UNBALANCE,), ROTOR.tolerances)
-    problem = GreyBoxProblem(box, first, 0.1, Prior.of_file(len(box.uncertain)))
+    problem = GreyBoxProblem(box, first, 0.1, Prior.apart(len(box.uncertain)))
     x = problem.point(np.linspace(0.1, 0.9, box.size))
     once = problem.rows([x], 1.0, FINE_STEP)[0]
     assert box.work.taken() > 0

@@ -5,7 +5,9 @@ The plant is the exact solution of the first-order equation, not LDT's simulator
 
 from __future__ import annotations
 
+import functools
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,7 +15,9 @@ import pytest
 from ldt_core.base.experiment import Experiment
 from ldt_core.calibration.calibrate import calibrate
 from ldt_core.diagnosis.diagnose import diagnose
+from ldt_core.estimation.grey_box import Prior
 from ldt_core.machine.machine_file import machine_from_dict
+from ldt_core.python_api.twin_run import run
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("one_core")]
 
@@ -50,8 +54,9 @@ def records(name, seed, lag=0.0, **factors):
     return found
 
 
-def named(name, **changes):
-    """The groups of names for what a calibrated motor's change is."""
+@functools.cache
+def calibrated(name):
+    """The motor's file, from a data sheet, after records of the healthy machine."""
     values, supply, period, samples, _ = MOTORS[name]
     random = np.random.default_rng(77)
     sheet = {k: float(v * random.uniform(0.95, 1.05)) for k, v in values.items()}
@@ -63,14 +68,17 @@ def named(name, **changes):
         "experiment": {"duration": samples * period, "sample_period": period},
     }
     fit = calibrate(machine_from_dict(about, name), records(name, 11))
-    machine = fit.with_recordings(["healthy"]).machine
-    return diagnose(machine, records(name, 1011, **changes)).verdict
+    return fit.with_recordings(["healthy"]).machine
 
 
-@pytest.mark.parametrize(("name", "changes"), [("flywheel", (0.8, 3.0)), ("motor", (0.8, 6.0))])
-def test_any_two_numbers_that_change_both_are_told(name, changes):
-    """Not three of a soft coupling, which imitate the two; nor one that all have in their place."""
-    found = named(name, J=changes[0], b=changes[1])
+def named(name, **changes):
+    """The groups of names for what a calibrated motor's change is."""
+    return diagnose(calibrated(name), records(name, 1011, **changes)).verdict
+
+
+def test_any_two_numbers_that_change_both_are_told():
+    """None is named alone that some of the sets as good lack."""
+    found = named("motor", J=0.8, b=6.0)
     assert found.kind == "ambiguous"
     assert len(found.acting) == 2
     first, second = map(set, found.acting)
@@ -82,3 +90,25 @@ def test_a_slow_drive_looks_like_a_slow_sensor():
     found = named("motor", lag=0.03)
     assert found.kind == "ambiguous"
     assert [set(group) for group in found.acting] == [{"input_lag", "sensor_lag"}]
+
+
+@pytest.mark.parametrize("name", list(MOTORS))
+def test_a_twin_names_no_single_number_that_two_have_changed(name):
+    """What a calibration knows of the numbers together leaves none that explains both alone."""
+    before, after = records(name, 500), records(name, 501, J=0.75, b=6.0)
+    stream = [replace(e, number=k) for k, e in enumerate([*before, *after], start=1)]
+    said = run(stream, calibrated(name)).summary.learned
+    assert "experiment 7" in said
+    assert "not told apart" in said or "not known" in said
+
+
+def test_what_a_calibration_knows_together_is_the_prior():
+    """The time constant J R / K_t^2, ten times better than its numbers' tolerances leave it."""
+    machine, powers = calibrated("motor"), {"J": 1, "R": 1, "K_t": -2}
+    names = list(powers)
+    slope = np.array([powers[n] * machine.tolerances[n] for n in names])
+    together, apart = (
+        math.sqrt(slope @ np.linalg.inv(prior.precision) @ slope)
+        for prior in (Prior.of_file(machine, names), Prior.apart(len(names)))
+    )
+    assert together < 0.15 * apart
