@@ -47,6 +47,7 @@ UNITS: dict[str, dict[str, float]] = {
         "rev/s": TURN,
         "Hz": TURN,
     },
+    "position": {"rad": 1, "mrad": 1e-3, "deg": TURN / 360, "rev": TURN, "turn": TURN},
     "current": {"A": 1, "mA": 1e-3, "uA": 1e-6, "µA": 1e-6, "kA": 1e3},
 }
 #: Quantity → names of columns that are its symbol, or a word for it, which says no unit either;
@@ -55,22 +56,29 @@ SYMBOLS = {
     "time": ("t", "zeit", "stamp", "unix"),
     "voltage": ("u", "spannung"),
     "speed": ("n", "w", "omega", "ω", "drehzahl"),
+    "position": ("angle", "winkel", "theta", "phi", "pos", "counts", "ticks", "encoder"),
     "current": ("strom",),
 }
 
 CARRIAGE = "for a carriage {0}:NUMBER, the motor's rad/s at 1 {1}"
-POSITION = "for a position a column of its change in a second"
+POSITION = "of a position `ldt import` makes the speed: --position {0}:UNIT"
+SCREW = "for a carriage {0}:NUMBER, the motor's rad at 1 {1}"
+COUNTS = "of an encoder the counts in a turn, such as {0}:2048/rev"
 SHARE = "for a share of the supply {0}:NUMBER, the V at 1 {1}"
 #: Quantity → unit of what is often recorded in its place → what to give then.
 FOREIGN: dict[str, dict[str, str]] = {
     "speed": {
         **dict.fromkeys(("m/s", "mm/s", "cm/s", "um/s", "m/min", "mm/min"), CARRIAGE),
-        **dict.fromkeys(("m", "mm", "um", "deg", "rad", "rev"), POSITION),
+        **dict.fromkeys(("m", "mm", "um", "deg", "rad", "rev", "counts"), POSITION),
+    },
+    "position": {
+        **dict.fromkeys(("m", "mm", "um"), SCREW),
+        **dict.fromkeys(("counts", "count", "ticks"), COUNTS),
     },
     "voltage": dict.fromkeys(("%", "pct", "percent"), SHARE),
 }
 #: Words of a name that say a position, where none of the others stands beside them.
-POSITIONS = frozenset({"position", "pos", "angle", "winkel"})
+POSITIONS = frozenset({"position", "pos", "angle", "winkel", "counts", "ticks"})
 RATES = frozenset({"speed", "velocity", "vel", "rate", "dot", "omega"})
 
 NO_COLUMNS: Mapping[str, str] = MappingProxyType({})
@@ -90,13 +98,14 @@ def parse_field(text: str, quantity: str, columns: Mapping[str, str] = NO_COLUMN
 
     Args:
         text: as the user gave it.
-        quantity: time, voltage, speed or current.
+        quantity: time, voltage, speed, position or current. That of a position may be COUNTS/rev.
         columns: name of each that exists → the unit below it, "" where none stands there. A name
             that contains a colon is taken as a whole.
 
     Raises:
         OptionError: no field, an unknown unit, or none where the name ends in one that is not SI,
-            says a position, or one that is not SI stands below it.
+            says a position, or one that is not SI stands below it; none of a position at all, as
+            those of sensors are rarely in rad.
     """
     units = UNITS[quantity]
     si = next(iter(units))
@@ -111,6 +120,9 @@ def parse_field(text: str, quantity: str, columns: Mapping[str, str] = NO_COLUMN
             word, instead = says_other
             expected = f"a {quantity}, as {text}:{si} if it is one ({instead.format(text, word)})"
             raise OptionError(f"--{quantity}", expected, f"{text!r}, whose name says {word}")
+        elif quantity == "position" and not named:
+            expected = f"its unit, such as {text}:rad, {text}:deg or, {COUNTS.format(text)}"
+            raise OptionError("--position", expected, repr(text))
         if named and units.get(named) != 1:
             other = f"{text}:{named} or " if named in units else ""
             raise OptionError(
@@ -119,20 +131,23 @@ def parse_field(text: str, quantity: str, columns: Mapping[str, str] = NO_COLUMN
     unit = unit.replace("μ", "µ")  # the Greek letter looks like the micro sign
     if not name.strip():
         raise OptionError(f"--{quantity}", "FIELD or FIELD:UNIT", repr(text))
+    if quantity == "position" and (counts := _number(unit.removesuffix("/rev"))) and "/" in unit:
+        return Field(quantity, name.strip(), TURN / counts, unit)
     if factor := _number(unit):
         return Field(quantity, name.strip(), factor, f"{unit} {si}")
     if instead := FOREIGN.get(quantity, {}).get(unit, ""):
         expected = f"that of a {quantity}, such as {si} ({instead.format(name, unit)})"
         raise OptionError(f"--{quantity}, unit", expected, repr(unit))
     if unit not in units:
-        raise OptionError(f"--{quantity}, unit", did_you_mean(unit, units), repr(unit))
+        expected = did_you_mean(unit, units) + ", or COUNTS/rev" * (quantity == "position")
+        raise OptionError(f"--{quantity}, unit", expected, repr(unit))
     return Field(quantity, name.strip(), units[unit], unit)
 
 
 def propose_fields(columns: Mapping[str, str]) -> dict[str, str]:
     """Quantity → FIELD[:UNIT], where one column alone has its unit, its word, or its symbol.
 
-    A symbol says no unit; the literal "UNIT" stands for it.
+    A symbol says no unit; the literal "UNIT" stands for it. A position takes the place of a speed.
 
     Args:
         columns: name → the unit below it, or "".
@@ -141,6 +156,8 @@ def propose_fields(columns: Mapping[str, str]) -> dict[str, str]:
     {'time': 't:UNIT', 'voltage': 'u:UNIT', 'speed': 'n:UNIT'}
     >>> propose_fields({"unix_ts": "", "v": ""})
     {'time': 'unix_ts:UNIT'}
+    >>> propose_fields({"t": "", "u": "", "theta": ""})["position"]
+    'theta:UNIT'
     >>> propose_fields({"time": "", "u [V]": "", "n": "rpm", "Speed (deg/s)": "", "n2": "rpm"})
     {'time': 'time', 'voltage': 'u [V]', 'speed': 'Speed (deg/s):deg/s'}
     """
@@ -158,6 +175,10 @@ def propose_fields(columns: Mapping[str, str]) -> dict[str, str]:
         if len(found) == 1:
             unit = told[found[0]]
             proposed[quantity] = found[0] + (f":{unit}" if units.get(unit, 1) != 1 else "")
+            if quantity == "position" and not unit:
+                proposed[quantity] += ":UNIT"
+    if "speed" in proposed:
+        proposed.pop("position", None)
     return proposed
 
 

@@ -43,6 +43,12 @@ UNIT_HELP = "with a unit if it is not SI, for example"
     help=f"Column or /topic.field[index] of the speed, {UNIT_HELP} n:rpm, or with "
     "the factor to rad/s, for example v:628.",
 )
+@click.option(
+    "--position",
+    metavar="FIELD:UNIT",
+    help="In place of --speed, the same for the angle of the shaft: th:deg, th:rad, th:rev, or "
+    "th:2048/rev for an encoder with 2048 counts in a turn. It may begin again behind a turn.",
+)
 @click.option("--current", metavar="FIELD[:UNIT]", help="The same for the current, if measured.")
 @click.option(
     "--time",
@@ -74,6 +80,7 @@ def command(
     force: bool,
     voltage: str | None,
     speed: str | None,
+    position: str | None,
     current: str | None,
     time: str | None,
     sample_period: float | None,
@@ -92,13 +99,15 @@ def command(
     from ldt_core.recording.importers import import_files, is_bag
     from ldt_core.recording.writer import BagWriter
 
-    if voltage is None or speed is None:
-        named = {"voltage": voltage, "speed": speed}
+    if voltage is None or speed is position is None:
+        named = {"voltage": voltage, "speed": speed or position}
         raise _fields_missing(files, [name for name, field in named.items() if field is None])
     if time is None and sample_period is None and not is_bag(Path(files[0])):
         raise _fields_missing(files, ["time or --sample-period"])
-    fields = {"voltage": voltage, "speed": speed, "current": current, "time": time}
-    imports = import_files(files, **fields, sample_period=sample_period, length=length, cut=cut)
+    fields = {"voltage": voltage, "speed": speed, "position": position, "current": current}
+    imports = import_files(
+        files, **fields, time=time, sample_period=sample_period, length=length, cut=cut
+    )
     imports = itertools.chain([next(imports)], imports)  # refused before anything is set aside
     parts: list[dict[str, Any]] = []  # of the recording, one a file
     notes: dict[str, list[str]] = {}  # → files of which they are true
@@ -198,14 +207,15 @@ def proposed_import(files: Sequence[str]) -> tuple[str, str]:
     found = propose_fields({table.names[i]: table.units[i] for i in named})
     if len(dated) == 1:
         found["time"] = table.names[dated[0]]
-    if not found.keys() >= {*ASKED}:
+    if len(found.keys() & {*ASKED, "position"}) < len(ASKED):
         ranges, rising = _contents(table, kept)
         if ranges:
             columns = [f"{name} ({told})" for name, told in zip(columns, ranges, strict=True)]
         if len(rising) == 1:
             found.setdefault("time", table.names[rising[0]] + ":UNIT" * table.headed)
     unknown = "COLUMN:UNIT" if table.headed else "NUMBER:UNIT"
-    fields = {**dict.fromkeys(ASKED, unknown), **found}
+    asked = [q if q != "speed" or "position" not in found else "position" for q in ASKED]
+    fields = {**dict.fromkeys(asked, unknown), **found}
     if fields["time"] == unknown and len(named) < len(ASKED):  # no column is left for it
         del fields["time"]
         fields["sample-period"] = "SECONDS"

@@ -263,14 +263,14 @@ def _foreign(storage: Storage) -> tuple[dict[str, Any], list[str]]:
     for topic, about in topics.items():
         if about["type"] == JOINTS and counts[topic]:
             about["joints"] = _joints(storage, topic)
-    speeds = [
-        f"{topic}.velocity[{0 if len(has) == 1 else 'INDEX'}]"
-        for topic, about in topics.items()
-        if (has := about.get("joints", {}).get("velocity"))
-    ]
-    speed = next(iter(speeds), "/TOPIC.FIELD:UNIT")
+    speed = "--speed /TOPIC.FIELD:UNIT"
+    for option, field, unit in (("position", "position", ":rad"), ("speed", "velocity", "")):
+        for topic, about in reversed(topics.items()):
+            if has := about.get("joints", {}).get(field):
+                index = 0 if len(has) == 1 else "INDEX"
+                speed = f"--{option} {topic}.{field}[{index}]{unit}"
     named = as_argument(str(storage.path))
-    proposed = f"ldt import {named} --voltage {voltage} --speed {speed} --out imported"
+    proposed = f"ldt import {named} --voltage {voltage} {speed} --out imported"
     width = max(map(len, topics))
     listed = [
         f"{topic:{width}}  {about['type']}, {counted(counts[topic], 'message')}"

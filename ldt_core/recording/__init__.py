@@ -7,5 +7,6 @@ Reading: `bag` (a machine's records), `storage` (files), one damaged or whole fi
 Writing: `writer` (as it happens), `mcap_writer` (one file), `append` (after a crash),
 `mcap_completion` (a file's missing index), `repair`, `lock`, `duplicate_filter`.
 About recordings: `health`, `node_status`, `run_settings`, `experiment_numbers`, `pace`.
-Imports: `importers` of CSV files (`csv_table`, `units`) and foreign recordings (`message_fields`).
+Imports: `importers` of CSV files (`csv_table`, `units`) and foreign recordings (`message_fields`);
+speeds of `positions`, experiments by `import_cuts`.
 """

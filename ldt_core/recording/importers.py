@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -19,14 +18,13 @@ from ldt_core.base.units import Field, parse_field, propose_fields
 from ldt_core.machine.experiment_limits import SHORTEST_PERIOD
 from ldt_core.physics.parameter import LARGEST
 from ldt_core.recording.csv_table import CsvTable
+from ldt_core.recording.import_cuts import listed_counts, of_equal_length, segmented
 from ldt_core.recording.message_fields import parse_field_path, read_fields
+from ldt_core.recording.positions import speed_of_positions
 from ldt_core.recording.storage import Storage
-from ldt_core.recording.stretches import first_gap, on_grid, stretches
 from ldt_core.recording.unit_doubts import unit_doubts
-from ldt_core.segmenter import CHANNELS, Segmenter, build_rule
 from ldt_core.segmenter.cut_rules import LEAST_SAMPLES
 from ldt_core.segmenter.resampling import (
-    GAP_PERIODS,
     GRID_TOLERANCE,
     Series,
     check_times,
@@ -34,7 +32,6 @@ from ldt_core.segmenter.resampling import (
 )
 
 MOVED = "times moved to follow the file before"
-LEAST_GAP = 1.5  # periods of the experiments; a stream far faster than they are may not pause less
 
 
 class FileLayout(NamedTuple):
@@ -69,9 +66,10 @@ class Imported(NamedTuple):
 def import_file(
     path: str | Path,
     voltage: str,
-    speed: str,
+    speed: str | None = None,
     current: str | None = None,
     time: str | None = None,
+    position: str | None = None,
     sample_period: float | None = None,
     length: float | None = None,
     cut: Mapping[str, Any] | None = None,
@@ -83,6 +81,7 @@ def import_file(
         path: CSV file (`.gz` too), rosbag2 folder, `.mcap` or `.db3` file.
         voltage, speed, current: FIELD[:UNIT]; FIELD is a column (name, or number from 1) or
             `/topic.field[index]`.
+        position: FIELD:UNIT of the shaft's angle; the speed is made of it, and none is given.
         time: FIELD[:UNIT] of the time of each sample. A recording has times of its own.
         sample_period: [s]; without `time`, how far apart the rows are; with times, the period to
             resample to instead of the one found.
@@ -98,8 +97,11 @@ def import_file(
         if value is not None and not SHORTEST_PERIOD <= value <= LATEST:
             expected = f"seconds above 0, {SHORTEST_PERIOD:g} to {LATEST:g}"
             raise OptionError(name, expected, value)
-    options = {"voltage": voltage, "speed": speed, "current": current, "time": time}
-    given = {quantity: text for quantity, text in options.items() if text is not None}
+    if (speed is None) == (position is None):
+        got = "neither" if speed is None else "both"
+        raise OptionError("--speed or --position", "one of them", got)
+    options = {"voltage": voltage, "speed": speed, "position": position, "current": current}
+    given = {q: text for q, text in {**options, "time": time}.items() if text is not None}
     if not Path(path).exists():
         raise RecordingError(str(path), "a CSV file or a recording", "No such file or directory")
     path = Path(path)
@@ -112,7 +114,7 @@ def import_file(
     for quantity, one in series.items():
         largest = float(np.nanmax(np.abs(one.values), initial=0.0))
         if largest > LARGEST:
-            where = f"{path}, {quantity} from {given[quantity]!r}"
+            where = f"{path}, {quantity} from {given.get(quantity, position)!r}"
             raise RecordingError(where, f"at most {LARGEST:g} in SI units", f"{largest:g}")
     doubts = unit_doubts(series, given)
     notes += doubts
@@ -207,7 +209,9 @@ def _from_table(
     notes = [_conversions(fields), *table.notes]
     named = propose_fields(table.columns)
     swapped = (("voltage", "speed"), ("speed", "voltage"))
-    if all(f"{named.get(q, '')}:".startswith(f"{fields[of].name}:") for q, of in swapped):
+    if "speed" in fields and all(
+        f"{named.get(q, '')}:".startswith(f"{fields[of].name}:") for q, of in swapped
+    ):
         notes.append(
             "voltage and speed look swapped; by their names it is "
             f"--voltage {named['voltage']} --speed {named['speed']}"
@@ -225,6 +229,7 @@ def _from_table(
         return f"line {lines[index]}"
 
     series = {q: Series(times, column, place) for q, column in values.items()}
+    _with_speed(path, series, fields, notes)
     return content, series, tuple(table.described(i) for i in wanted), notes
 
 
@@ -253,10 +258,23 @@ def _from_bag(
         series = {q: s._replace(time=times) for q, s in series.items()}
     else:
         notes.append(timed)
-    if sources["voltage"].topic != sources["speed"].topic:
-        times = np.append(series["voltage"].time, series["speed"].time[-1])
+    moving = "speed" if "speed" in sources else "position"
+    if sources["voltage"].topic != sources[moving].topic:
+        times = np.append(series["voltage"].time, series[moving].time[-1])
         notes.append(f"the voltage is held for up to {np.diff(times).max():.3g} s")
+    _with_speed(path, series, fields, notes)
     return sizes, series, (), notes + storage.notes
+
+
+def _with_speed(
+    path: Path, series: dict[str, Series], fields: Mapping[str, Field], notes: list[str]
+) -> None:
+    """Put the speed in the place of a position, and the voltage beside it."""
+    if "position" in series:
+        position, unit = series.pop("position"), fields["position"].factor
+        made = speed_of_positions(str(path), position, series["voltage"], unit)
+        series["speed"], series["voltage"] = made[:2]
+        notes += made[2]
 
 
 def spread(values: np.ndarray) -> str:
@@ -305,56 +323,14 @@ def _cut(
         notes.append(f"times moved by {-start:g} s to begin at 0")
         series = {q: s._replace(time=s.time - start) for q, s in series.items()}
     if cut is not None and cut["cut"] != "length":
-        done, counts = _segmented(series, period, found, length, cut)
+        done, counts = segmented(series, period, found, length, cut)
         if not done:
             expected = f"an experiment by {cut['cut']}"
-            raise RecordingError(where, expected, _listed(counts) or "none")
+            raise RecordingError(where, expected, listed_counts(counts) or "none")
         notes.append(f"cut by {cut['cut']}")
-        notes += [_listed(counts)] if counts else []
+        notes += [listed_counts(counts)] if counts else []
         return done
-    return _of_equal_length(where, series, notes, found, period, size)
-
-
-def _of_equal_length(
-    where: str,
-    series: dict[str, Series],
-    notes: list[str],
-    found: float,
-    period: float,
-    size: int | None,
-) -> list[Experiment]:
-    """Experiments of so many samples from each stretch without a gap; None for one of each."""
-    parts = stretches(series, found)
-    if len(parts) > 1:
-        gaps = counted(len(parts) - 1, "gap")
-        notes.append(
-            f"{gaps} of more than {GAP_PERIODS:g} periods of {found:g} s, the first after "
-            f"{first_gap(series, found)}; no experiment reaches over one"
-        )
-    experiments: list[Experiment] = []
-    dropped = resampled = 0
-    for part in parts:
-        grid, columns, changed = on_grid(part, period)
-        resampled += changed
-        step = size or grid.size
-        whole = grid.size // step if step >= LEAST_SAMPLES else 0
-        dropped += grid.size - whole * step
-        for begin in range(0, whole * step, step):
-            rows = {q: column[begin : begin + step] for q, column in columns.items()}
-            number = len(experiments) + 1
-            experiments.append(Experiment(number, float(grid[begin]), period, **rows))
-    if not experiments:
-        longest = max((p["speed"].time[-1] - p["speed"].time[0] for p in parts), default=0.0)
-        wanted = f"{LEAST_SAMPLES} samples" if size is None else f"{size * period:g} s"
-        expected = f"a stretch of {wanted} without a gap"
-        raise RecordingError(where, expected, f"{longest + period:g} s at most")
-    if resampled:
-        notes.append("resampled: the samples were not on a uniform grid of that period")
-    if dropped:
-        notes.append(
-            f"{counted(dropped, 'sample')} at ends of stretches dropped: too few for an experiment"
-        )
-    return experiments
+    return of_equal_length(where, series, notes, found, period, size)
 
 
 def _period(where: str, found: float, wanted: float | None, like: FileLayout | None) -> float:
@@ -365,35 +341,3 @@ def _period(where: str, found: float, wanted: float | None, like: FileLayout | N
         expected = f"samples {like.period:g} s apart, as in {like.file} (or --sample-period)"
         raise RecordingError(where, expected, f"{found:g} s")
     return like.period
-
-
-def _segmented(
-    series: Mapping[str, Series],
-    period: float,
-    found: float,
-    length: float | None,
-    cut: Mapping[str, Any],
-) -> tuple[list[Experiment], Counter[str]]:
-    """Experiments as the segmenter of a running machine cuts them, and what it left out."""
-    if length is None:
-        raise OptionError("--length", f"seconds, where the cut is by {cut['cut']}", "none")
-    rest = {name: value for name, value in cut.items() if name != "cut"}
-    rule = build_rule(cut["cut"], period, length, **rest)
-    gap = max(GAP_PERIODS * found, LEAST_GAP * period)
-    # All that is of one time has come before a period is over: there is nothing to wait for.
-    one = Segmenter(rule, period, gap=gap, lateness=period, current="current" in series)
-    order = sorted(
-        (at, channel == "speed", channel, index)
-        for channel in CHANNELS
-        if channel in series
-        for index, at in enumerate(series[channel].time.tolist())
-    )
-    values = {channel: s.values.tolist() for channel, s in series.items()}
-    done: list[Experiment] = []
-    for at, _, channel, index in order:
-        done += one.feed(channel, at, values[channel][index])
-    return done + one.end(), one.counts
-
-
-def _listed(counts: Mapping[str, int]) -> str:
-    return ", ".join(f"{reason}: {count}" for reason, count in counts.items())

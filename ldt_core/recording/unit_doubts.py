@@ -43,6 +43,11 @@ def unit_doubts(series: Mapping[str, Series], given: Mapping[str, str]) -> list[
             f"speeds of at most {fastest:.3g} rad/s are rare; if they are a carriage's in m/s, "
             f"give the motor's rad/s at 1 m/s: --speed {given['speed']}:NUMBER"
         )
+    if "position" in given and fastest > RARE["speed"][0]:
+        field, _, unit = given["position"].rpartition(":")
+        counts = unit if unit.isdecimal() else "COUNTS"
+        told = f"speeds up to {fastest:.5g} rad/s are rare; if {counts} counts are a turn"
+        notes.append(f"{told}: --position {field}:{counts}/rev")
     if "time" in bare and step >= SLOW:
         told = f"{step:g} s between samples are long"
         notes.append(_doubt(told, slow, "time", given, slow))

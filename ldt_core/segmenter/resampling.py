@@ -87,18 +87,25 @@ def resample(series: Series, grid: Samples, period: float, held: bool) -> Sample
     """
     time, values = series.time, series.values
     if held:
-        # A sample that the clock's rounding puts just behind a grid point still counts for it.
-        near = GRID_TOLERANCE * period
-        first = np.searchsorted(time, grid + near, side="right") - 1
-        last = np.searchsorted(time, grid + period - near) - 1
-        kept = values[np.maximum(first, 0)]
-        return np.where(first >= last, kept, _mean(series, grid, grid + period, held))
+        return held_mean(series, grid, grid + period, GRID_TOLERANCE * period)
     old = float(np.median(np.diff(time))) if time.size > 1 else period
     if period < DOWNSAMPLING_RATIO * old:
         return np.interp(grid, time, values)
     begin, end = grid - period / 2, grid + period / 2
     # Past the ends there is nothing to average.
     return _mean(series, np.maximum(begin, time[0]), np.minimum(end, time[-1]), held)
+
+
+def held_mean(series: Series, begin: Samples, end: Samples, near: float) -> Samples:
+    """(L,) means of a held channel from these times (L,) to those; its own value where it stays.
+
+    A sample that the clock's rounding puts just behind a beginning (by `near` [s]) counts there.
+    """
+    first = np.maximum(np.searchsorted(series.time, begin + near, side="right") - 1, 0)
+    last = np.maximum(np.searchsorted(series.time, end - near) - 1, first)
+    changes = np.concatenate(([0], np.cumsum(np.diff(series.values) != 0)))
+    stays = changes[first] == changes[last]
+    return np.where(stays, series.values[first], _mean(series, begin, end, held=True))
 
 
 def _mean(series: Series, begin: Samples, end: Samples, held: bool) -> Samples:

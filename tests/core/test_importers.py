@@ -208,9 +208,9 @@ def test_a_name_that_says_another_unit_is_not_taken_for_si(name, quantity, unit)
     [
         ("v_mm_s", "speed", "v_mm_s:NUMBER, the motor's rad/s at 1 mm/s"),
         ("carriage [m/s]", "speed", "carriage [m/s]:NUMBER"),
-        ("phi_deg", "speed", "its change in a second"),
-        ("pos_m", "speed", "its change in a second"),
-        ("/joint_states.position[0]", "speed", "its change in a second"),
+        ("phi_deg", "speed", "--position phi_deg:UNIT"),
+        ("pos_m", "speed", "--position pos_m:UNIT"),
+        ("/joint_states.position[0]", "speed", "/joint_states.position[0]:UNIT"),
         ("cmd_pct", "voltage", "cmd_pct:NUMBER, the V at 1 pct"),
     ],
 )
@@ -577,8 +577,14 @@ def test_imported_experiments_survive_the_recording(tmp_path):
     assert [e.speed.tolist() for e in back] == [e.speed.tolist() for e in imported.experiments]
 
 
-def foreign(path: Path, voltage_times=TIME, stamped: bool = True, first: bool = True) -> Path:
-    """JointState (velocity of two joints) and Float64 voltage commands, by the rosbags library."""
+def foreign(
+    path: Path,
+    voltage_times=TIME,
+    stamped: bool = True,
+    first: bool = True,
+    positions: bool = False,
+) -> Path:
+    """JointState (velocity or position of two joints) and Float64 voltages, by rosbags."""
     from rosbags.rosbag2 import StoragePlugin, Writer
 
     types = typestore().types
@@ -593,8 +599,8 @@ def foreign(path: Path, voltage_times=TIME, stamped: bool = True, first: bool = 
         state = types[joint](
             header=head,
             name=["a", "b"],
-            position=np.zeros(2),
-            velocity=np.array([0.0, speed]),
+            position=np.array([0.0, 1 - np.cos(t)]) if positions else np.zeros(2),
+            velocity=np.zeros(0) if positions else np.array([0.0, speed]),
             effort=np.array([]),
         )
         messages.append((at + (0 if not stamped else 5_000_000), joint, state))
@@ -625,6 +631,18 @@ def test_a_foreign_recording_is_imported_by_topic_field_and_index(tmp_path):
     ).experiments
     assert one.speed == pytest.approx(SPEED * 2 * math.pi / 60)
     assert one.voltage == pytest.approx(VOLTS / 1000)
+
+
+def test_positions_of_joint_states_without_velocities_are_proposed_and_imported(tmp_path, capsys):
+    """A field that nobody fills was left to the reader; the mean of two samples is their speed."""
+    path = foreign(tmp_path / "bag", positions=True)
+    assert invoke(info, [str(path)]) == 0
+    assert "--position /joint_states.position[INDEX]:rad --out" in capsys.readouterr().out
+    field = "/joint_states.position[1]:rad"
+    (one,) = import_file(path, voltage="/drive/voltage.data", position=field).experiments
+    assert one.speed == pytest.approx(np.sin(TIME[:-1] + 0.05), abs=1e-3)
+    assert one.start == pytest.approx(1.05)
+    assert one.voltage == pytest.approx(np.where(TIME < 0.9, 3, np.where(TIME < 0.99, 4.5, 6))[:-1])
 
 
 def test_info_says_how_many_more_lengths_of_experiments_there_are(tmp_path, capsys):
