@@ -112,7 +112,7 @@ def parse_field(text: str, quantity: str, columns: Mapping[str, str] = NO_COLUMN
     name, colon, unit = text.rpartition(":")
     if not colon or text in columns:
         name, unit = text, si
-        named, says_other = _named_unit(text, units), other_quantity(text, quantity)
+        named, says_other = named_unit(text, units), other_quantity(text, quantity)
         says = f"the name says {named}"
         if below := columns.get(text, ""):
             named, says = below.replace("μ", "µ"), f"the row below the names says {below}"
@@ -163,7 +163,7 @@ def propose_fields(columns: Mapping[str, str]) -> dict[str, str]:
     """
     proposed = {}
     for quantity, units in UNITS.items():
-        told = {name: _named_unit(below or name, units) for name, below in columns.items()}
+        told = {name: named_unit(below or name, units) for name, below in columns.items()}
         found = [name for name in columns if told[name]]
         if len(found) != 1:
             found = [name for name in columns if quantity in name.lower()]
@@ -191,14 +191,14 @@ def other_quantity(name: str, quantity: str) -> tuple[str, str] | None:
     (None, None)
     """
     foreign = FOREIGN.get(quantity, {})
-    unit = _named_unit(name, foreign)
+    unit = named_unit(name, foreign)
     if unit and unit != "m":  # which may be short for a motor's
         return unit, foreign[unit]
     words = re.findall(r"[a-z]+", name.lower())
     said = next((word for word in words if word in POSITIONS), "")
     if quantity != "speed" or not said or RATES.intersection(words):
         return None
-    return None if _named_unit(name, UNITS[quantity]) else (said, POSITION)
+    return None if named_unit(name, UNITS[quantity]) else (said, POSITION)
 
 
 def has_unit(text: str, quantity: str) -> bool:
@@ -221,7 +221,7 @@ def _number(text: str) -> float:
     return number if math.isfinite(number) else 0.0
 
 
-def _named_unit(name: str, units: Collection[str]) -> str:
+def named_unit(name: str, units: Collection[str]) -> str:
     """The unit that a name ends in, as of "time_ms", "n [rpm]" or "Speed (RPM)"; "" if in none.
 
     The longest of all quantities counts: "speed_rad_s" is in rad/s, and no time in s.

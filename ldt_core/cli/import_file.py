@@ -18,6 +18,7 @@ from ldt_core.cli.outputs import force_option, nothing_if_refused, replacing
 from ldt_core.cli.terminal import echo_result
 
 if TYPE_CHECKING:
+    from ldt_core.base.arrays import Array
     from ldt_core.base.experiment import Experiment
     from ldt_core.recording.csv_table import CsvTable
 
@@ -207,20 +208,27 @@ def proposed_import(files: Sequence[str]) -> tuple[str, str]:
     found = propose_fields({table.names[i]: table.units[i] for i in named})
     if len(dated) == 1:
         found["time"] = table.names[dated[0]]
+    ranges: list[str] = []
     if len(found.keys() & {*ASKED, "position"}) < len(ASKED):
         ranges, rising = _contents(table, kept)
-        if ranges:
-            columns = [f"{name} ({told})" for name, told in zip(columns, ranges, strict=True)]
         if len(rising) == 1:
             found.setdefault("time", table.names[rising[0]] + ":UNIT" * table.headed)
+    clock = found.get("time", "").removesuffix(":UNIT")
+    time = _times(table, clock)
+    question = "" if time is None else _asked_by_steps(table, time, clock)
+    if question:
+        found["time"] = f"{clock}:UNIT"
+    asked = {table.column(clock): question} if question else {}
+    told = ranges or [asked.get(place, "") for place in kept]
+    columns = [f"{c} ({t})" if t else c for c, t in zip(columns, told, strict=True)]
     unknown = "COLUMN:UNIT" if table.headed else "NUMBER:UNIT"
-    asked = [q if q != "speed" or "position" not in found else "position" for q in ASKED]
-    fields = {**dict.fromkeys(asked, unknown), **found}
+    wanted = [q if q != "speed" or "position" not in found else "position" for q in ASKED]
+    fields = {**dict.fromkeys(wanted, unknown), **found}
     if fields["time"] == unknown and len(named) < len(ASKED):  # no column is left for it
         del fields["time"]
         fields["sample-period"] = "SECONDS"
     options = " ".join(f"--{name} {shlex.quote(field)}" for name, field in fields.items())
-    if len(files) == 1 and _is_long(table, fields.get("time", unknown)):
+    if len(files) == 1 and time is not None and fields["time"] == clock and _is_long(time):
         options += f" --length {LENGTH}"
     more = ", ..." if len(named) > MOST_COLUMNS else ""
     numbered = "" if table.headed else " (by number, as no header line names them)"
@@ -233,22 +241,41 @@ def proposed_import(files: Sequence[str]) -> tuple[str, str]:
     )
 
 
-def _is_long(table: CsvTable, field: str) -> bool:
-    """Whether a stretch without a gap is worth being cut, as far as is known what the time is."""
-    import numpy as np
-
+def _times(table: CsvTable, field: str) -> Array | None:
+    """(n,) [s] of the rows, as far as it is known what the time is; None where that is refused."""
     from ldt_core.base.units import parse_field
-    from ldt_core.segmenter.resampling import find_period, split_at_gaps
 
     try:
         found = parse_field(field, "time", table.columns)
         index = table.column(found.name)
         _, (time,) = table.read([index], timed=True, dated=index)
     except BadInput:  # of which the import speaks
-        return False
+        return None
     time = time * found.factor
-    if time.size < 2 or not np.all(np.diff(time) > 0):
-        return False
+    return time if time.size > 1 and (time[1:] > time[:-1]).all() else None
+
+
+def _asked_by_steps(table: CsvTable, time: Array, field: str) -> str:
+    """What the steps of times without a unit tell of it, as a question; "" if they may be in s."""
+    import numpy as np
+
+    from ldt_core.base.units import UNITS, named_unit
+    from ldt_core.recording.unit_doubts import likely_unit
+
+    index = table.column(field) if field in table.names else -1
+    if index < 0 or index in table.dated:
+        return ""
+    if named_unit(table.units[index] or field, UNITS["time"]):
+        return ""
+    step = float(np.median(np.diff(time)))
+    unit = likely_unit(step)
+    return f"{step:.6g} from row to row: {unit}?" if unit else ""
+
+
+def _is_long(time: Array) -> bool:
+    """Whether a stretch without a gap is worth being cut."""
+    from ldt_core.segmenter.resampling import find_period, split_at_gaps
+
     stretches = split_at_gaps(time, find_period(time))
     return any(time[part][-1] - time[part][0] >= 2 * LENGTH for part in stretches)
 

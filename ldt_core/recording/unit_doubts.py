@@ -30,7 +30,6 @@ def unit_doubts(series: Mapping[str, Series], given: Mapping[str, str]) -> list[
     bare = [q for q, text in given.items() if not has_unit(text, q)]
     speed, notes = series["speed"], []
     step = float(np.median(np.diff(speed.time))) if speed.time.size > 1 else 0.0
-    slow = next((unit for unit, most in LIKELY.items() if step < most), "")
     for quantity, (most, si, unit) in RARE.items():
         measured = series[quantity].values if quantity in series else np.zeros(0)
         largest = float(np.nanmax(np.abs(measured), initial=0.0))
@@ -48,13 +47,22 @@ def unit_doubts(series: Mapping[str, Series], given: Mapping[str, str]) -> list[
         counts = unit if unit.isdecimal() else "COUNTS"
         told = f"speeds up to {fastest:.5g} rad/s are rare; if {counts} counts are a turn"
         notes.append(f"{told}: --position {field}:{counts}/rev")
-    if "time" in bare and step >= SLOW:
-        told = f"{step:g} s between samples are long"
-        notes.append(_doubt(told, slow, "time", given, slow))
-    if "time" in bare and 0 < step <= QUICK:
-        told = f"{step:.3g} s between samples are short"
-        notes.append(_doubt(told, "days, as a spreadsheet's dates", "time", given, "d"))
+    if "time" in bare and (unit := likely_unit(step)):
+        long, named = ("short", "days, as a spreadsheet's dates") if unit == "d" else ("long", unit)
+        told = f"{step:.4g} s between samples are {long}"
+        notes.append(_doubt(told, named, "time", given, unit))
     return notes
+
+
+def likely_unit(step: float) -> str:
+    """The unit that times likely have which are so far apart; "" if that may be seconds.
+
+    >>> likely_unit(10.0), likely_unit(0.01)
+    ('ms', '')
+    """
+    if 0 < step <= QUICK:
+        return "d"
+    return next((unit for unit, most in LIKELY.items() if SLOW <= step < most), "")
 
 
 def _doubt(told: str, named: str, quantity: str, given: Mapping[str, str], unit: str) -> str:

@@ -371,7 +371,7 @@ def test_columns_whose_names_say_nothing_are_told_by_what_they_hold(tmp_path, ca
     assert "--speed COLUMN:UNIT --time Stamp:UNIT --out" in told
     table.write_text("\n".join(["Stamp,Uk,Ndreh,Note", *(f"{row},ok" for row in rows)]))
     assert invoke(ldt, ["info", str(table)]) == 0
-    assert "'Stamp', 'Uk', 'Ndreh', 'Note'\n" in capsys.readouterr().out
+    assert "'Stamp' (10 from row to row: ms?), 'Uk', 'Ndreh', 'Note'\n" in capsys.readouterr().out
 
 
 def test_a_table_of_a_plc_says_its_units_in_a_row_of_their_own(files, capsys):

@@ -633,6 +633,34 @@ def test_a_foreign_recording_is_imported_by_topic_field_and_index(tmp_path):
     assert one.voltage == pytest.approx(VOLTS / 1000)
 
 
+@pytest.mark.parametrize(
+    ("name", "factor", "column", "given"),
+    [
+        ("Timestamp", 1e3, "'Timestamp' (100 from row to row: ms?)", "Timestamp:UNIT"),
+        ("time", 1e6, "'time' (100000 from row to row: us?)", "time:UNIT"),
+        ("t", 1e3, "'t' (100 from row to row: ms?)", "t:UNIT"),
+        ("time", 1, "'time'", "time"),
+        ("time_s", 1e3, "'time_s'", "time_s"),
+    ],
+)
+def test_times_whose_steps_are_hardly_seconds_are_asked_for(
+    name, factor, column, given, tmp_path, capsys
+):
+    """Seconds were proposed for a column Timestamp that rises by 10 ms; a name's unit is kept."""
+    text = rows(TIME * factor, VOLTS, SPEED, header=f"{name},u,n")
+    assert invoke(info, [str(table(tmp_path / "x.csv", text))]) == 0
+    said = capsys.readouterr().out
+    assert f"columns {column}, 'u', 'n'" in said
+    assert f"--time {given} --" in said
+
+
+def test_times_without_a_name_are_asked_for_too(tmp_path, capsys):
+    """The only column that rises, by steps of 10."""
+    text = rows(TIME * 100, VOLTS, SPEED).split("\n", 1)[1]
+    assert invoke(info, [str(table(tmp_path / "x.csv", text))]) == 0
+    assert "--time 1:UNIT --out" in capsys.readouterr().out
+
+
 def test_positions_of_joint_states_without_velocities_are_proposed_and_imported(tmp_path, capsys):
     """A field that nobody fills was left to the reader; the mean of two samples is their speed."""
     path = foreign(tmp_path / "bag", positions=True)
