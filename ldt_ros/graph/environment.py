@@ -1,4 +1,4 @@
-"""What a process needs in its environment before rclpy is imported, and how rclpy begins.
+"""What a process needs in its environment before rclpy is imported, how rclpy begins, and its end.
 
 For that reason nothing here imports rclpy at the top.
 """
@@ -6,6 +6,7 @@ For that reason nothing here imports rclpy at the top.
 from __future__ import annotations
 
 import contextlib
+import faulthandler
 import importlib.util
 import os
 import re
@@ -29,6 +30,8 @@ if TYPE_CHECKING:
     SomeNode = TypeVar("SomeNode", bound=Node)
 
 LATEST = 2.0**31  # s since the epoch: a stamp counts them in 32 bits
+LONGEST_END = 15.0  # s that it may take to leave the graph; `ldt up` waits for a node for 10
+STDERR = 2  # its descriptor, which is there also where `sys.stderr` is not
 #: Three times the 20 files that the process of a node, or of five machines, was seen to open.
 LEAST_FILES = 64
 MODULES = ("rclpy", "std_msgs", "diagnostic_msgs", "sensor_msgs")
@@ -104,6 +107,15 @@ def begin(context: Context) -> None:
     rclpy.init(args=[], context=context, signal_handler_options=SignalHandlerOptions.NO)
 
 
+def end_in_time() -> None:
+    """End this process after `LONGEST_END`, unless that is cancelled: where it is, exit code 1.
+
+    Fast DDS may wait for itself for ever where a participant is destroyed while others leave. It
+    then holds Python's lock, so that no thread and no signal handler of Python's runs any more.
+    """
+    faulthandler.dump_traceback_later(LONGEST_END, exit=True, file=STDERR)
+
+
 @contextlib.contextmanager
 def spun_nodes(
     make: Callable[[Context], list[SomeNode]],
@@ -125,6 +137,7 @@ def spun_nodes(
 
     context = rclpy.Context()
     with contextlib.ExitStack() as stack:
+        stack.callback(faulthandler.cancel_dump_traceback_later)
         stack.callback(rclpy.try_shutdown, context=context)
         try:
             begin(context)
@@ -136,4 +149,5 @@ def spun_nodes(
         for node in nodes:
             stack.callback(node.destroy_node)
             executor.add_node(node)
+        stack.callback(end_in_time)
         yield nodes, executor

@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, NoReturn
 from ldt_core.base.errors import BadInput, LdtError
 from ldt_core.base.own_process import OpenFiles, kept_alive, leave_at_once
 from ldt_core.base.stopping import SIGNALS
-from ldt_ros.graph.environment import prepare, require_ros, ros_message
+from ldt_ros.graph.environment import end_in_time, prepare, require_ros, ros_message
 from ldt_ros.graph.linux_process import end_with
 
 if TYPE_CHECKING:
@@ -45,8 +45,6 @@ ROLES = {
 CRASHED = 70  # exit code of a program that an error of its own has ended (EX_SOFTWARE, sysexits)
 FILES_CLOSED = "a part of your own has closed the files and sockets of this process"
 HALT = signal.SIGUSR1  # by which a graph's process begins nothing new, and stays for those who miss
-LONGEST_END = 15.0  # s that it may take to leave the graph; `ldt up` waits for 10
-STDERR = 2  # its descriptor, which is there also where `sys.stderr` is not
 SPIN = 0.1  # s, how late a stop signal may be noticed when nothing arrives
 
 
@@ -161,7 +159,7 @@ def host(
     with ExitStack() as destroying, ExitStack() as closing:
         destroying.callback(faulthandler.cancel_dump_traceback_later)
         destroying.callback(rclpy.try_shutdown)
-        closing.callback(end_within, LONGEST_END)
+        closing.callback(end_in_time)
         executor = EventsExecutor()
         own = ({"cli_args": machine_arguments(*m), "use_global_arguments": False} for m in machines)
         for arguments in [*own] or [{}]:
@@ -195,15 +193,6 @@ def host(
         while time.monotonic() < deadline and not all(node.quiet for node in nodes):
             executor.spin_once(timeout_sec=SPIN)
     return 0
-
-
-def end_within(seconds: float) -> None:
-    """End this process after this time [s], unless somebody cancels that: where it is, exit code 1.
-
-    Fast DDS may wait for itself for ever where a participant is destroyed while others leave. It
-    then holds Python's lock, so that no thread and no signal handler of Python's runs any more.
-    """
-    faulthandler.dump_traceback_later(seconds, exit=True, file=STDERR)
 
 
 def machine_arguments(namespace: str, file: str) -> list[str]:

@@ -26,6 +26,7 @@ from ldt_ros.up import launch
 LDT = str(Path(sys.executable).with_name("ldt"))
 PATIENCE = 240  # s
 RUN = ("--experiments", "12", "--seed", "3", "--model", "physics", "--start-time", "1e9")
+UP = (*RUN, "--bag", "run")
 #: Whose Python hangs in the middle of the sixth experiment, once.
 HANGS = """
 import time
@@ -120,8 +121,8 @@ def test_a_node_ends_although_the_middleware_does_not(domain, tmp_path, monkeypa
     program = """
 import ctypes
 from rclpy.node import Node
-from ldt_ros.graph import process
-process.LONGEST_END = 1.0
+from ldt_ros.graph import environment, process
+environment.LONGEST_END = 1.0
 Node.destroy_node = lambda self: ctypes.PyDLL(None).sleep(1000)  # with Python's lock
 process.leave(process.main([], "recorder"))
 """
@@ -134,3 +135,31 @@ process.leave(process.main([], "recorder"))
     assert node.returncode == 1
     (recording,) = recordings.iterdir()
     assert read_bag(recording).notes == []  # it has been finished before
+
+
+@pytest.mark.parametrize("command", ["watch", "serve", "up"])
+def test_a_command_ends_although_the_middleware_does_not(command, domain, tmp_path):
+    """`ldt watch`, `ldt serve` and `ldt up` waited for it, deaf to Ctrl-C."""
+    program = f"""
+import ctypes, sys
+from rclpy.node import Node
+from ldt_core.cli import main
+from ldt_ros.graph import environment
+environment.LONGEST_END = 1.0
+Node.destroy_node = lambda self: ctypes.PyDLL(None).sleep(1000)  # with Python's lock
+sys.argv = {["ldt", command, *(UP if command == "up" else ("--port", "0"))]!r}
+main()
+"""
+    told = tmp_path / "told"
+    with told.open("w") as out:
+        process = subprocess.Popen([sys.executable, "-c", program], cwd=tmp_path, stdout=out)
+    if command != "up":
+        until(lambda: "http" in told.read_text() or "ws:" in told.read_text(), told.read_text)
+        time.sleep(1)
+        process.send_signal(signal.SIGINT)
+    try:
+        assert process.wait(60) == 1
+    finally:
+        process.kill()
+    if command == "up":  # which had recorded everything
+        assert read_bag(tmp_path / "run").notes == []
