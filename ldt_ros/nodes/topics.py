@@ -209,7 +209,9 @@ class Topics:
         """Count a message that cannot be used; log the first of its kind."""
         kind = f"{topic}: {type(error).__name__}"
         self.rejected[kind] += 1
-        self.last_rejection = f"{topic}: {reason_of(error)}"
+        reason = reason_of(error)
+        names_it = reason.startswith(tuple(topic + mark for mark in ":.,"))
+        self.last_rejection = reason if names_it else f"{topic}: {reason}"
         if self.rejected[kind] == 1:
             self._node.get_logger().error(f"rejected a message on {self.last_rejection}")
 

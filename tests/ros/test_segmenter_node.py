@@ -270,6 +270,7 @@ def test_messages_that_cannot_be_used_are_counted_and_the_node_goes_on(stranger)
     assert len(lines) == 2, lines
     assert any("motor/command.FIELD" in line for line in lines)
     assert any("2 joints" in line for line in lines)
+    assert all(line.count("joint_states: ") + line.count("motor/command: ") == 1 for line in lines)
 
 
 def test_a_topic_that_nobody_publishes_is_told_beside_those_there_are(stranger, monkeypatch):
