@@ -28,6 +28,10 @@ from ldt_ros.nodes.statements import StartGate
 GROUPS = ("pace", "twin", "stream")
 #: Longest time that a stop waits for the experiment under way [s].
 PATIENCE = 3.0
+#: Time in which nodes that are there have found each other [s]: discovery takes at most 0.25 s.
+MEETING = 1.0
+#: Time after which it says for whom of its graph it waits [s]: nodes take seconds to start.
+STARTING = 5.0
 #: Experiments back to which one that is sent again is known, as of a recording merged with itself.
 MOST_KEYS = 1000
 #: Shortest and longest time between two looks at the clock [s].
@@ -151,7 +155,9 @@ class ExperimentSource(NodePart):
         self._under_way = False
         self._asked = False  # for the next experiment, where there is no rate
         self._began: tuple[float, float] | None = None
-        self._waiting_since = 0.0
+        self._waiting_since = time.monotonic()
+        self._unheard = False  # whether nobody was there when the last was sent
+        self._told = False  # for whom it waits
         self._ticker = node.create_timer(LONGEST_TICK, self._tick, clock=node.steady)
 
     def health(self) -> dict[str, Any]:
@@ -214,6 +220,8 @@ class ExperimentSource(NodePart):
             self._ticker.cancel()
         elif self._began is None:
             self._begin_if_all_are_there()
+            if self._began is None and time.monotonic() - self._waiting_since > STARTING:
+                self._tell(f"waits for {', '.join(self._gate.missing)}, as its graph names them")
         else:
             if self._samples is not None:
                 self._samples.advance(self._machine_time)
@@ -222,8 +230,11 @@ class ExperimentSource(NodePart):
             if self._asked:
                 self._send_when_streamed()
             elif self._next is None or self.rate is None:
-                if time.monotonic() - self._waiting_since > self._timeout:
+                waited = time.monotonic() - self._waiting_since
+                if waited > self._timeout:
                     self._give_up_waiting()
+                elif waited > MEETING and not self._told and not self._node.settings["graph"]:
+                    self._tell_if_alone()
             elif time.monotonic() >= self._due(self._next):
                 self._send_when_streamed()
 
@@ -271,6 +282,27 @@ class ExperimentSource(NodePart):
         wall, start = self._began
         return wall + (experiment.end - start) / self.rate
 
+    def _tell_if_alone(self) -> None:
+        """What was sent before others were there, or while nobody adapts, is waited for in vain."""
+        assert self._sent is not None
+        if not self._node.count_publishers(self._node.resolve_topic_name("adaptation")):
+            why = "nobody publishes adaptations"
+        elif self._unheard:
+            why = "it was sent before anybody listened"
+        else:
+            return
+        self._tell(
+            f"waits {self._timeout:g} s (adaptation_timeout) for the adaptation of experiment "
+            f"{self._sent.number}, but {why}; name all nodes in the graph of each, so that they "
+            "wait for each other"
+        )
+
+    def _tell(self, words: str) -> None:
+        """Log it, the first time."""
+        if not self._told:
+            self._told = True
+            self._node.get_logger().info(words)
+
     def _give_up_waiting(self) -> None:
         assert self._sent is not None
         self._node.get_logger().warning(
@@ -291,6 +323,7 @@ class ExperimentSource(NodePart):
         self._count += 1
         self._waiting_since = time.monotonic()
         if self._publisher is not None:
+            self._unheard = not self._publisher.get_subscription_count()
             self._publisher.publish(self._message)
             self._under_way, self._asked = True, False
         # While the twin works on this one, the next is made.

@@ -62,8 +62,12 @@ class StartGate:
     @property
     def is_open(self) -> bool:
         """Whether the first experiment may be sent."""
-        others = {r for r in self._node.settings["graph"] if r != self._node.role}
-        return others <= self._ready and self._node.topics.ready
+        return not self.missing and self._node.topics.ready
+
+    @property
+    def missing(self) -> list[str]:
+        """Nodes of the graph that have not told yet that they are ready."""
+        return sorted({*self._node.settings["graph"]} - {self._node.role} - self._ready)
 
     def _on_statement(self, told: NodeStatus) -> None:
         if told.values.get(READY) == "true":

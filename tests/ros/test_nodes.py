@@ -27,6 +27,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy  # noqa: E
 from std_msgs.msg import String  # noqa: E402
 from stranger import TOPICS, Stranger, adaptation, answer, experiment, log_of, written  # noqa: E402
 
+from ldt_ros.nodes import experiment_source  # noqa: E402
 from ldt_ros.nodes.adaptor_node import AdaptorNode  # noqa: E402
 from ldt_ros.nodes.advisor_node import AdvisorNode  # noqa: E402
 from ldt_ros.nodes.detector_node import DetectorNode  # noqa: E402
@@ -376,6 +377,30 @@ def test_without_an_adaptation_the_player_goes_on_after_its_time_out(stranger, t
     stranger.start(PlayerNode, play=written(tmp_path / "bag", 1, 2), adaptation_timeout=0.2)
     stranger.until(lambda: stranger.numbers("experiment") == [1, 2])
     stranger.until(lambda: [m for m in logged if "no adaptation of experiment 1" in m.msg])
+
+
+@pytest.mark.parametrize("late", [False, True])
+def test_a_player_without_a_graph_says_for_what_it_waits(late, stranger, tmp_path, monkeypatch):
+    """It was silent for 60 s after the first experiment, and after the last."""
+    monkeypatch.setattr(experiment_source, "MEETING", 0.3)
+    logged = log_of(stranger)
+    node = stranger.start(PlayerNode, play=written(tmp_path / "bag", 1, 2))
+    stranger.until(lambda: node.source._sent)
+    if late:
+        stranger.start(AdaptorNode, **PHYSICS)
+    line = stranger.until(lambda: [m.msg for m in logged if "waits 60 s" in m.msg])
+    assert "waits 60 s (adaptation_timeout) for the adaptation of experiment 1" in line[0]
+    assert ("before anybody listened" if late else "nobody publishes adaptations") in line[0]
+
+
+def test_a_source_says_for_whom_of_its_graph_it_waits(stranger, tmp_path, monkeypatch):
+    """In its log: who reads `/diagnostics` is perhaps among the missing."""
+    monkeypatch.setattr(experiment_source, "STARTING", 0.2)
+    logged = log_of(stranger)
+    graph = ["twin", "detector", "player"]
+    stranger.start(PlayerNode, play=written(tmp_path / "bag", 1), graph=graph)
+    line = stranger.until(lambda: [m.msg for m in logged if "waits for" in m.msg])
+    assert line == ["waits for detector, twin, as its graph names them"]
 
 
 def test_a_source_waits_for_the_nodes_of_its_graph(stranger, tmp_path):
