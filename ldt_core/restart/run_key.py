@@ -123,6 +123,12 @@ def check_machine(bag: Bag, machine: Machine) -> None:
     recorded = _recorded_key(bag)
     if recorded.get(MACHINE, "") in ("", _digest(machine)):
         return
+    if CONTENT not in recorded:  # as of 0.2.0, whose digests are others
+        expected = (
+            "a run of a later version of LDT, since 0.2.0 recorded its machine file otherwise"
+        )
+        anew = f"ldt run --play {as_argument(str(bag.path))} begins anew on it"
+        raise RecordingError(bag.path, expected, f"one of that version ({anew})")
     expected = "the machine file as it was, under which the run began"
     differ = _differences(recorded.get(CONTENT, ""), machine)
     more = [f"{len(differ) - SHOWN} more"] if len(differ) > SHOWN else []
@@ -136,7 +142,7 @@ def _differences(recorded: str, machine: Machine) -> list[str]:
     """What a machine file says otherwise than it did, each as "R is 2.1, was 1.9"."""
     try:
         was = dict(_leaves(json.loads(recorded)))
-    except (ValueError, RecursionError):  # none, of an earlier version
+    except (ValueError, RecursionError):
         return []
     now = dict(_leaves(json.loads(json.dumps(machine.as_dict()))))
     return [

@@ -122,7 +122,8 @@ class DetectorStage:
             raise RecordingError(
                 f"signal of experiment {step.experiment.number}",
                 f"{recorded.word!r} by the detector {step.signal.detector}, as recorded",
-                f"{answer.word!r} by {self.name}",
+                f"{answer.word!r} by {self.name}, as of another version or where chance decides "
+                "(ldt run --play RECORDING begins anew on what is recorded)",
             )
 
     def state(self) -> dict[str, Any] | None:

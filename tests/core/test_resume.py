@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -96,6 +97,17 @@ def test_a_run_goes_on_after_an_update_and_says_so_in_one_sentence(tmp_path, mon
         assert words in told[0]
     assert {f: f.read_bytes() for f in then} == then
     assert read_bag(bag).custom("key") == key
+
+
+def test_a_run_of_0_2_0_is_refused_with_what_to_do(tmp_path):
+    """It named an edited machine file, which nobody had edited."""
+    began = load_machine("rotor")
+    key = json.dumps({"machine": "1ba141d960cb", "physics": began.physics, "ldt": "0.2.0"})
+    with BagWriter(tmp_path / "run", "rotor", key=key) as writer:
+        writer.write("experiment", Experiment(1, 1e9, 0.01, np.zeros(3), np.zeros(3)), 1e9)
+    anew = rf"got one of that version \(ldt run --play {tmp_path / 'run'} begins anew on it\)"
+    with pytest.raises(RecordingError, match=anew):
+        run_key.check_key(read_bag(tmp_path / "run"), began, {})
 
 
 def test_an_edited_machine_file_is_refused_by_the_numbers_that_differ(tmp_path):
