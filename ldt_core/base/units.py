@@ -55,7 +55,7 @@ UNITS: dict[str, dict[str, float]] = {
 SYMBOLS = {
     "time": ("t", "zeit", "stamp", "unix"),
     "voltage": ("u", "spannung"),
-    "speed": ("n", "w", "omega", "ω", "drehzahl"),
+    "speed": ("n", "w", "omega", "ω", "drehzahl", "velocity", "vel"),
     "position": ("angle", "winkel", "theta", "phi", "pos", "counts", "ticks", "encoder"),
     "current": ("strom",),
 }

@@ -246,7 +246,8 @@ def _what_to_fill_in(proposed: str) -> str:
     if "COLUMN" in proposed or "NUMBER" in proposed:
         return "Say which of them is the voltage, the speed, the time:"
     if ":UNIT" in proposed:
-        return "Put a unit for each UNIT, such as V, rpm, ms:"
+        more = ", 2048/rev" if "--position" in proposed else ""
+        return f"Put a unit for each UNIT, such as V, rpm, ms{more}:"
     return "Import it so:"
 
 

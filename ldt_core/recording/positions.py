@@ -25,7 +25,7 @@ from ldt_core.segmenter.resampling import (
 )
 
 COUNTER_BITS = (16, 24, 32)  # of the counters of encoders, which begin again behind their last
-LEAST_RATIO = 10.0  # of a step to those beside it, in which a shaft cannot have moved
+LEAST_RATIO = 10.0  # of a step to those beside it that way: no shaft moves so far in one alone
 DOUBTFUL_STEP = 0.4  # turns; from a half on, the direction is lost
 WHOLE = 0.01  # of a count or a turn by which rounded numbers may be off
 
@@ -96,17 +96,18 @@ def _unwrapped(steps: Array, reach: float, unit: float) -> tuple[Array, list[str
 def _refuse_jump(
     where: str, position: Series, steps: Array, kept: NDArray[np.intp], least: float
 ) -> None:
-    """Refuse (RecordingError) a counter that is set to another number; names the first.
+    """Refuse (RecordingError) a counter that is set to another number, or misread; names the first.
 
     A step up to `least` [rad] is none: in a wrong unit, each count of an encoder looks like one.
     """
-    size = np.abs(steps)
-    size[np.setdiff1d(np.arange(size.size), kept)] = 0.0  # a pause, in which it may have moved
-    beside = np.maximum(np.append(0.0, size[:-1]), np.append(size[1:], 0.0))
+    moved = np.zeros(steps.size + 2)
+    moved[kept + 1] = steps[kept]  # none in a pause, in which it may have moved
+    way, size = np.sign(moved[1:-1]), np.abs(moved[1:-1])
+    beside = np.maximum(np.maximum(way * moved[:-2], way * moved[2:]), 0)
     found = np.flatnonzero((size > max(TURN / 2, least)) & (size > LEAST_RATIO * beside))
     if found.size:
         at = int(found[0])
-        expected = "a position without jumps (import each part by itself)"
+        expected = "a position without jumps (leave the row out, or import each part)"
         before, now = position.values[at : at + 2]
         raise RecordingError(
             f"{where}, {position.place(at + 1)}", expected, f"{now:.6g} rad after {before:.6g} rad"

@@ -45,8 +45,10 @@ def unit_doubts(series: Mapping[str, Series], given: Mapping[str, str]) -> list[
     if "position" in given and fastest > RARE["speed"][0]:
         field, _, unit = given["position"].rpartition(":")
         counts = unit if unit.isdecimal() else "COUNTS"
-        told = f"speeds up to {fastest:.5g} rad/s are rare; if {counts} counts are a turn"
-        notes.append(f"{told}: --position {field}:{counts}/rev")
+        means = f"if {counts} counts are a turn: --position {field}:{counts}/rev"
+        if unit.endswith("/rev"):
+            means = "an encoder may give four counts a line"
+        notes.append(f"speeds up to {fastest:.5g} rad/s are rare; {means}")
     if "time" in bare and (unit := likely_unit(step)):
         long, named = ("short", "days, as a spreadsheet's dates") if unit == "d" else ("long", unit)
         told = f"{step:.4g} s between samples are {long}"

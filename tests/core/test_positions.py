@@ -103,6 +103,22 @@ def test_a_counter_that_is_set_anew_is_refused(tmp_path):
         load(written(tmp_path / "x.csv", time, volts, position))
 
 
+def test_a_position_that_is_misread_once_is_refused(tmp_path):
+    """It was a speed of thousands of rad/s to and fro."""
+    time, volts, position = motor()
+    position[300] += 20
+    with pytest.raises(RecordingError, match=r"line 302: expected a position without jumps"):
+        load(written(tmp_path / "x.csv", time, volts, position))
+
+
+def test_counts_that_are_four_times_as_many_are_doubted(tmp_path):
+    """Both edges of both tracks are counted; the data sheet tells the lines."""
+    time, volts, position = motor(low=11.0)
+    counts = np.floor(8 * position / TURN * COUNTS)
+    (doubt,) = load(written(tmp_path / "x.csv", time, volts, counts), "x:2048/rev").doubts
+    assert doubt.endswith("an encoder may give four counts a line")
+
+
 def test_a_number_that_is_the_counts_of_a_turn_is_doubted(tmp_path):
     """As of all quantities, a number in place of a unit is what one is in SI units."""
     time, volts, position = motor()
@@ -161,6 +177,7 @@ def test_a_position_needs_its_unit_and_stands_alone(tmp_path):
 
 def test_a_position_is_proposed_where_there_is_no_speed(tmp_path, capsys):
     """In place of the speed, which then is not asked for."""
+    assert propose_fields({"t": "", "u": "", "pos": "", "velocity": ""})["speed"] == "velocity:UNIT"
     assert propose_fields({"t": "", "u": "", "theta_deg": ""})["position"] == "theta_deg:deg"
     assert "position" not in propose_fields({"t": "", "u": "", "theta_deg": "", "n": "rpm"})
     path = written(tmp_path / "x.csv", *motor(), header="t,u,counts")
