@@ -105,8 +105,9 @@ class EffectSetSearch(RelatedSets):
                 break
         for size in range(1, count + 1):
             self._finish(size)
-        largest = self._best(count) or self._best(count - 1)
-        self._divide(largest[0])
+        largest = (self._best(count) or self._best(count - 1))[0]
+        if not self._room_for_more(largest):
+            self._divide(largest)
         return self.found
 
     def _divide(self, best: EffectFit) -> None:
@@ -121,7 +122,7 @@ class EffectSetSearch(RelatedSets):
             fit_in = [(c, z) for c, z, _ in ranked if len(c) - c.details <= room]
             tries += [self._with(base, c, z) for c, z in fit_in[:ADDED]]
         for f in self._scout(() if self.spent else tries):
-            if self.near(f, best):
+            if f.loss < best.loss + THRESHOLDS.chance_gain:
                 self.finish(f)
 
     def _noise_alone(self, best: EffectFit) -> bool:
