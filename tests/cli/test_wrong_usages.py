@@ -82,7 +82,7 @@ WRONG = {
     "import {files}/mine --voltage u --speed n --time t --out out": "expected .mcap files",
     "diagnose {files}/log.csv --machine rotor --out out": "ldt info says how",
     "diagnose {files}/nameless --out out": "ldt identify",
-    "simulate --effect unblance:e=5mm --out out": "one of 35 names (did you mean 'unbalance'?)",
+    "simulate --effect unblance:e=5mm --out out": "names (did you mean 'unbalance'?)",
     "import {files}/log.csv --voltage u --speed rpm:rmp --time u --out out": "did you mean 'rpm'?",
     "report {files}/motor": "'-o' / '--out' is missing, as in: ldt report my_run -o",
     "info {files}/motr": "(did you mean '{files}/motor'?)",
