@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -73,22 +73,29 @@ class RelatedSets(SetFits):
         tries: list[TriedSet] = []
         for i, member in enumerate(base.effects):
             given = member.given(base.z[i])
-            for c in self._relatives(member):
-                if len(c) <= len(member) or c.name in base.names:
+            fuller = [c for c in self._relatives(member) if len(c) > len(member)]
+            others = []
+            for c in (c for c in fuller if c.name not in base.names):
+                if not given.keys() < c.effect.neutral.keys():
+                    others.append(c)
                     continue
-                if given.keys() < c.effect.neutral.keys():
-                    begun = [c.coordinates({**c.given(z), **given}) for z in c.starts()]
-                    begun = list({z.tobytes(): z for z in begun}.values())
-                else:
-                    begun = self._as_strong(c, base, i)
+                begun = [c.coordinates({**c.given(z), **given}) for z in c.starts()]
+                begun = list({z.tobytes(): z for z in begun}.values())
+                tries += self._replaced(base, i, c, begun, FULLER, base.starts)
+            for c, begun in self._as_strong(others, base, i):
                 tries += self._replaced(base, i, c, begun, FULLER, base.starts)
         return tries
 
-    def _as_strong(self, instead: Candidate, base: EffectFit, place: int) -> list[Array]:
-        """Coordinates of another law that does about what a member does."""
+    def _as_strong(
+        self, instead: Sequence[Candidate], base: EffectFit, place: int
+    ) -> Iterator[tuple[Candidate, list[Array]]]:
+        """Other laws, each with coordinates by which it does about what a member does."""
+        if not instead:
+            return
         whole, without = self.scout.of_all([base.use, [*base.use[:place], *base.use[place + 1 :]]])
-        start = self.responses.likest(instead, np.subtract(without, whole))
-        return [instead.scaled(start, k) for k in AS_STRONG]
+        for c in instead:
+            start = self.responses.likest(c, np.subtract(without, whole))
+            yield c, [c.scaled(start, k) for k in AS_STRONG]
 
     def _with_plainer_laws(self, base: EffectFit) -> list[EffectFit]:
         """Sets with relatives of fewer parameters in the place of one member, or of several."""
@@ -108,7 +115,7 @@ class RelatedSets(SetFits):
         tries: list[TriedSet] = []
         known = {c.name: c for c in self.candidates}
         for i, member in enumerate(base.effects):
-            for name in sorted(self.twins.get(member.name, set()) - set(base.names)):
-                twin = known[name]
-                tries += self._replaced(base, i, twin, self._as_strong(twin, base, i), 1)
+            names = sorted(self.twins.get(member.name, set()) - set(base.names))
+            for twin, begun in self._as_strong([known[n] for n in names], base, i):
+                tries += self._replaced(base, i, twin, begun, 1)
         return tries

@@ -163,10 +163,12 @@ def _with_rivals_of_rivals(
     """
     best, *others = alike
     others = [f for f in others if f.families != best.families]
-    for f in others if len(best.effects) > 1 else ():
+    if len(best.effects) < 2 or not others:
+        return alike
+    for f in others:
         search.exchange(f)
     pool = search.found.standing(len(best.effects))
-    again = may_be_the_answer(search.found, pool, gap) if others else alike
+    again = may_be_the_answer(search.found, pool, gap)
     return sorted(again, key=lambda f: f is not best) if best in again else alike
 
 
