@@ -68,6 +68,7 @@ class FreeRunResiduals:
         tolerance: part of each channel's gap, as root mean square, that counts as noise as well: no
             law is exactly a machine's, and a channel measured very well must not count for more.
         colour: of a channel's noise that is not white, see `nominal_prior.known_colour`.
+        running: an experiment that belongs to these began in motion.
     """
 
     def __init__(
@@ -78,6 +79,7 @@ class FreeRunResiduals:
         workers: int = 1,
         tolerance: float = 0.0,
         colour: Mapping[str, Sequence[float]] | None = None,
+        running: bool = False,
     ) -> None:
         self.machine, self.experiments = machine, list(experiments)
         self.physics, self.values = machine.model, dict(machine.parameters)
@@ -93,12 +95,14 @@ class FreeRunResiduals:
         self.work, self.price = Work(), self._price()
         #: Time constant with which the motor forgets its speed [s].
         self.memory = memory(self.physics.folded(self.values))
+        slow = [abs(float(e.speed[0])) <= AT_REST * self.noise[0] for e in self.experiments]
+        #: Whether any of them began in motion: then one that began near 0 may have passed it.
+        self.running = running or not all(slow)
         self.pieces: list[PreparedExperiment] = []
         at = 0
-        for e in self.experiments:
-            rest = abs(float(e.speed[0])) <= AT_REST * self.noise[0]
+        for e, rest in zip(self.experiments, slow, strict=True):
             flows = (CURRENT,) if first_current(e) is not None else ()
-            unknown = flows if rest else (SPEED, CURRENT)
+            unknown = (SPEED, CURRENT) if self.running else flows
             columns = motor_columns(self.physics.folded(self.values), e, unknown, self.noise)
             self.pieces.append(PreparedExperiment(e, rest, slice(at, at + len(columns)), columns))
             at += len(columns)
@@ -195,7 +199,8 @@ class FreeRunResiduals:
 
     def of_only(self, experiments: Sequence[Experiment], workers: int) -> FreeRunResiduals:
         """The residuals of some of the experiments, or of parts of them."""
-        part = FreeRunResiduals(self.machine, experiments, self.noise, workers)
+        known = self.machine, experiments, self.noise, workers
+        part = FreeRunResiduals(*known, running=self.running)
         part.level, part.whiteness = self.level, self.whiteness
         self.work.add(part.work.steps)
         part.work = self.work
@@ -248,9 +253,8 @@ class FreeRunResiduals:
 
     def differences(self, runs: Sequence[Simulated], step: float) -> Iterator[Array]:
         """(rows,) measured minus simulated of each, in noise deviations."""
-        limit = DIVERGED_SPEED / self.noise[0]
-        lanes = WIDTH * max(len(e) for e in self.experiments)
-        some = math.ceil(SAMPLES_AT_ONCE / lanes) * WIDTH
+        limit, longest = DIVERGED_SPEED / self.noise[0], max(len(e) for e in self.experiments)
+        some = math.ceil(SAMPLES_AT_ONCE / (WIDTH * longest)) * WIDTH
         parts = (self.simulated(runs[i : i + some], step) for i in range(0, len(runs), some))
         for run, (speed, current) in zip(runs, itertools.chain.from_iterable(parts), strict=True):
             e = self.experiments[run.place]
@@ -321,8 +325,7 @@ class FreeRunResiduals:
                 if run.tracked[1] > 0 or any(e.terms for e, _ in run.effects)
             )
         )
-        simulate = self.physics.simulate_all
-        for k, states in simulate(begun, step, SHORTEST_STEP, self.workers):
+        for k, states in self.physics.simulate_all(begun, step, SHORTEST_STEP, self.workers):
             run, (place, values) = begun[k], about[k]
             if isinstance(states, LdtError):
                 continue

@@ -86,4 +86,5 @@ def _made(residuals: FreeRunResiduals, candidate: Candidate) -> FreeRunResiduals
     for i, e in enumerate(residuals.experiments):
         speed, current = residuals.outputs(i, use, follow=False)
         made.append(replace(e, speed=speed, current=None if e.current is None else current))
-    return FreeRunResiduals(residuals.machine, made, residuals.noise, residuals.workers)
+    known = residuals.machine, made, residuals.noise, residuals.workers
+    return FreeRunResiduals(*known, running=residuals.running)

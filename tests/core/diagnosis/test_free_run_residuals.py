@@ -288,6 +288,25 @@ def test_rest_is_told_from_running_by_the_noise():
     assert max(first[:3]) <= AT_REST * NOISE < min(first[3:])
 
 
+def test_a_speed_near_0_is_no_rest_where_others_begin_in_motion():
+    """A healthy motor was `unknown`: a recording was cut where the shaft turned back."""
+    slow = MOTOR.with_parameters(J=0.017, K_t=0.39, R=1.36, L=0.32, b=0.01)
+    running, turning = record(slow, lead=431, samples=900, count=2, noise=0.0, seed=4)
+    at = int(np.argmin(np.abs(turning.speed[:300])))
+    random = np.random.default_rng(0)
+
+    def seen(e, first):
+        speed = e.speed[first:] + NOISE * random.standard_normal(len(e) - first)
+        return replace(e, voltage=e.voltage[first:], speed=speed)
+
+    alone = FreeRunResiduals(slow, [seen(turning, at)], (NOISE, 1.0))
+    assert not white(alone.of())  # nothing tells that it was not at rest
+    both = FreeRunResiduals(slow, [seen(running, 0), seen(turning, at)], (NOISE, 1.0))
+    assert [p.at_rest for p in both.pieces] == [False, True]
+    assert white(both.of(), unknown(both.starts))
+    assert white(both.part([1]).of(), 2)
+
+
 @pytest.fixture(scope="module")
 def captured():
     """A rotor that is caught in the resonance in some experiments and passes it in others."""
