@@ -10,8 +10,8 @@ import numpy as np
 from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment
+from ldt_core.estimation.free_run_start import first_current
 from ldt_core.estimation.noise import ROUNDING, sensor_step, white_noise
-from ldt_core.estimation.start_at_rest import first_current
 from ldt_core.machine.machine_file import Machine
 from ldt_core.physics.base import CURRENT
 

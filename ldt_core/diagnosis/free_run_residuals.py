@@ -37,8 +37,8 @@ from ldt_core.diagnosis.simulated_experiments import (
     states_of,
 )
 from ldt_core.diagnosis.start_states import searched_start_states, start_states_for
+from ldt_core.estimation.free_run_start import AT_REST, first_current
 from ldt_core.estimation.noise import ROUNDING, rounding_correlation, sensor_step
-from ldt_core.estimation.start_at_rest import AT_REST, first_current
 from ldt_core.estimation.variable_projection import basis_of, project_out
 from ldt_core.machine.machine_file import Machine
 from ldt_core.physics.base import ANGLE, CURRENT, MAX_STEP, NOT_TRACKED, SPEED, FreeRun, Work

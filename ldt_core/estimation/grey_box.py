@@ -23,7 +23,7 @@ from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment
 from ldt_core.estimation.effect.cause import DIVERGED_SPEED, finite_speed
 from ldt_core.estimation.effect.effect_coordinates import EffectCoordinates, Use
-from ldt_core.estimation.start_at_rest import AT_REST, first_current
+from ldt_core.estimation.free_run_start import AT_REST, first_current
 from ldt_core.machine.machine_file import Machine
 from ldt_core.machine.stated_posterior import stated_posterior
 from ldt_core.physics.base import ANGLE, CURRENT, NOT_TRACKED, SPEED, FreeRun, Work
@@ -277,9 +277,7 @@ class GreyBox:
         """What is simulated, and the effects that act."""
         q, experiment, rest, start = case
         machine, use = self.values(q)
-        changed: Mapping[str, float] = machine
-        for effect, given in use:
-            changed = effect.change_parameters(self.physics, changed, given)
+        changed = self._changed(machine, use)
         seen = self.physics.behind_sensor(experiment.speed, experiment.period, use, machine)
         current = first_current(experiment)
         offset = np.zeros(CURRENT + 1) if start is None else start
@@ -294,6 +292,15 @@ class GreyBox:
         tracked = (seen, gain) if gain > 0 else NOT_TRACKED
         about = machine, experiment.voltage, experiment.period, first, use, tracked
         return FreeRun(*about, changed, self.work), use
+
+    def _changed(self, machine: Values, use: Use) -> Values:
+        for effect, given in use:
+            machine = effect.change_parameters(self.physics, machine, given)
+        return machine
+
+    def motor(self, q: Array) -> Values:
+        """The parameters of the motor, with what the effects make of them."""
+        return self.physics.folded(self._changed(*self.values(q)))
 
     def _shown(self, states: Array, experiment: Experiment, use: Use, machine: Values) -> Array:
         try:

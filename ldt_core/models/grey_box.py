@@ -16,12 +16,14 @@ from ldt_core.base.pausable import Pausable, finished
 from ldt_core.estimation.amount_interval import intervals_of
 from ldt_core.estimation.effect.start_angle import FoundAngle, believe, together
 from ldt_core.estimation.fitted_structure import FittedStructure
+from ldt_core.estimation.free_run_start import current_beside, is_current_unknown
 from ldt_core.estimation.grey_box import ANGLES, COARSE_STEP, Case, GreyBox, Prior
 from ldt_core.estimation.misfit import misfit, noise_in, setting
 from ldt_core.estimation.structure_screening import Present
 from ldt_core.estimation.structure_search import StructureSearch
 from ldt_core.models.base import Model
 from ldt_core.models.causes import SURE, Causes, Doubts, intervals_in
+from ldt_core.physics.base import CURRENT
 
 #: Directions in which the parameters are least known, along which a prediction is spread out.
 DIRECTIONS = 3
@@ -152,7 +154,7 @@ class GreyBoxModel(Model):
         about = (experiment.number, experiment.start, experiment.period, self.version)
         noise = self.noise_std or 0.0
         rest = self.box.at_rest(experiment, noise) if noise else False
-        start = np.zeros(3)
+        start = np.zeros(CURRENT + 1)
         variance = np.full(len(experiment), noise**2)
         unknown = self.angle is not None and (not rest or self.angle.same < EVEN - ROUNDED)
         if unknown and noise:
@@ -165,6 +167,9 @@ class GreyBoxModel(Model):
         if rest and self.angle is not None:
             start[0] = self.angle.angle or 0.0
         speed = self.box.speed(self.q, experiment, rest, start)
+        if not rest and is_current_unknown(experiment):
+            start[CURRENT] = current_beside(self.box.motor(self.q), experiment, speed)
+            speed = self.box.speed(self.q, experiment, rest, start)
         if self.noise_std is None:
             return Prediction(*about, speed)
         low, high = self.box.low, self.box.high

@@ -12,8 +12,8 @@ from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError, OptionError, did_you_mean
 from ldt_core.base.experiment import Experiment, Prediction
 from ldt_core.base.threads import one_thread
+from ldt_core.estimation.free_run_start import first_current, is_current_unknown
 from ldt_core.estimation.motor_run import MotorRun
-from ldt_core.estimation.start_at_rest import first_current
 from ldt_core.machine.machine_file import Machine
 from ldt_core.models.base import Model
 from ldt_core.models.gaussian_process.learn import LearnedAcceleration, learn, persistence
@@ -112,6 +112,10 @@ class HybridModel(Model):
         ad, bd, gd = self.motor(experiment.period)
         start = self.start(experiment)
         speed, slopes, deviation = self.run(ad, bd, gd, experiment.voltage, start)
+        beside = self.known_effects(experiment) if self._more_than_motor else 0.0
+        if is_current_unknown(experiment):
+            start[0] += self.physics.current_beside(experiment, speed + beside)
+            speed, slopes, deviation = self.run(ad, bd, gd, experiment.voltage, start)
         std = None
         if self.learned is not None:
             known = self.learned
@@ -121,9 +125,7 @@ class HybridModel(Model):
             variance += known.disturbance_std**2 * drift
             std = np.sqrt(np.minimum(variance, known.span**2))
         about = (experiment.number, experiment.start, experiment.period, self.version)
-        if self._more_than_motor:
-            speed = speed + self.known_effects(experiment)
-        return Prediction(*about, speed, std)
+        return Prediction(*about, speed + beside, std)
 
     def fit(self, experiments: Sequence[Experiment]) -> Self:
         """Train f_d on these experiments, from the prior; the physics stays as it is.
@@ -163,7 +165,7 @@ class HybridModel(Model):
         """
         about = *self.motor(experiment.period), experiment.voltage, self.start(experiment)
         ideal, _, _ = compile_run(None, ("speed",))(*about)
-        return np.asarray(self.physics.predict(experiment).speed - ideal)
+        return np.asarray(self.physics.free_run(experiment) - ideal)
 
     def start(self, experiment: Experiment) -> Array:
         """(2,) current and speed at the first sample."""

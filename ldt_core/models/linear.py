@@ -10,11 +10,11 @@ import numpy as np
 from ldt_core.base.arrays import Array
 from ldt_core.base.errors import MachineFileError, OptionError
 from ldt_core.base.experiment import Experiment, Prediction
+from ldt_core.estimation.free_run_start import current_beside, first_current, is_current_unknown
 from ldt_core.estimation.linear import StateSpace, identify
 from ldt_core.estimation.linear.alternatives import squared_distances
 from ldt_core.estimation.linear.identification import MOST_ORDER
 from ldt_core.estimation.linear.state_space import StartRule, discretise
-from ldt_core.estimation.start_at_rest import first_current
 from ldt_core.machine.machine_file import Machine
 from ldt_core.models.base import Model
 
@@ -84,8 +84,8 @@ class LinearModel(Model):
     def predict(self, experiment: Experiment) -> Prediction:
         """Free run over the voltage from the first speed.
 
-        Untrained it starts in the steady state that has this speed, and from the measured first
-        current where that is more than noise; trained by a rule learned too
+        Untrained it starts in the steady state that has this speed, and from the first current,
+        measured or told by the speed, where that is more than noise; trained by a rule learned too
         (`estimation.linear.state_space`). `speed_std` is None when untrained, else what residuals,
         parameters and start may be off.
         """
@@ -95,12 +95,24 @@ class LinearModel(Model):
         else:
             std = None
             start = self.state_space.equilibrium(first, float(experiment.voltage[0]))
-            current = first_current(experiment)
-            if current is not None and "current" in self.states:
-                start[self.states.index("current")] = current
-            speed = self.state_space.simulate(experiment.voltage, period, start)
+            speed = self._begun(experiment, start)
         about = (experiment.number, experiment.start, period, self.version)
         return Prediction(*about, speed, std)
+
+    def _begun(self, experiment: Experiment, start: Array) -> Array:
+        """(L,) speed [rad/s] of the machine file's model, by its first current."""
+        about, current = (experiment.voltage, experiment.period), first_current(experiment)
+        if "current" not in self.states:
+            return self.state_space.simulate(*about, start)
+        place = self.states.index("current")
+        if current is not None:
+            start[place] = current
+        speed = self.state_space.simulate(*about, start)
+        if is_current_unknown(experiment):
+            motor = self.machine.model.folded(self.machine.parameters)
+            start[place] += current_beside(motor, experiment, speed)
+            speed = self.state_space.simulate(*about, start)
+        return speed
 
     def shaped_like(self, other: Self) -> Self:
         """The same model, with the order that `other` has."""

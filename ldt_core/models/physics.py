@@ -5,10 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, Self
 
+from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError, did_you_mean
 from ldt_core.base.experiment import Experiment, Prediction
-from ldt_core.estimation.start_at_rest import first_current
+from ldt_core.estimation.free_run_start import (
+    current_beside,
+    first_current,
+    is_current_unknown,
+)
 from ldt_core.models.base import Model
+from ldt_core.physics.base import CURRENT
+from ldt_core.physics.parameter import Values
 
 
 class PhysicsModel(Model):
@@ -42,25 +49,37 @@ class PhysicsModel(Model):
                 raise ValueError(f"{name} = {self.values[name]:g} is not {parameter.range}")
 
     def predict(self, experiment: Experiment) -> Prediction:
-        """Free run from the first measured speed (and current, where there is one).
+        """Free run from the first measured speed and current; where nobody measured a current that
+        flowed, from the one that the speed tells.
 
         Raises:
             LdtError: the simulated state grows without bound.
         """
+        about = experiment.number, experiment.start, experiment.period, self.version
+        speed = self.free_run(experiment)
+        if is_current_unknown(experiment):
+            speed = self.free_run(experiment, self.current_beside(experiment, speed))
+        return Prediction(*about, speed)
+
+    def free_run(self, experiment: Experiment, beside: float = 0.0) -> Array:
+        """(L,) speed from the first current that is guessed [rad/s], or so much beside it [A]."""
+        period, acting = experiment.period, self.effects
+        first = self.physics.behind_sensor(experiment.speed, period, acting, self.values)[0]
         current = first_current(experiment)
-        about, acting = (experiment.voltage, experiment.period), self.effects
-        values = self.values
-        for effect, given in acting:
+        state = self.physics.initial_state(self._changed(), float(first), current)
+        state[CURRENT] += beside
+        states = self.physics.simulate(self.values, experiment.voltage, period, state, acting)
+        return self.physics.measure(states, period, acting, self.values)
+
+    def current_beside(self, experiment: Experiment, predicted: Array) -> float:
+        """See `free_run_start.current_beside`; of this machine's motor."""
+        return current_beside(self.physics.folded(self._changed()), experiment, predicted)
+
+    def _changed(self) -> Values:
+        values: Values = self.values
+        for effect, given in self.effects:
             values = effect.change_parameters(self.physics, values, given)
-        first = self.physics.behind_sensor(
-            experiment.speed, experiment.period, acting, self.values
-        )[0]
-        initial = self.physics.initial_state(values, float(first), current)
-        states = self.physics.simulate(self.values, *about, initial, acting)
-        speed = self.physics.measure(states, experiment.period, acting, self.values)
-        return Prediction(
-            experiment.number, experiment.start, experiment.period, self.version, speed
-        )
+        return values
 
     def fit(self, experiments: Sequence[Experiment]) -> Self:
         """Refused with an LdtError: this model stays what the machine file says."""

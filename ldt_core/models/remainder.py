@@ -11,6 +11,7 @@ from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment, Prediction
 from ldt_core.base.threads import one_thread
+from ldt_core.estimation.free_run_start import is_current_unknown
 from ldt_core.estimation.motor_run import MotorRun
 from ldt_core.estimation.remainder import LearnedRemainder, fit_remainder
 from ldt_core.estimation.remainder_run import CurveNodes, RemainderShape, free_run
@@ -71,6 +72,10 @@ class RemainderModel(Model):
         known = self.base.known_effects(experiment)
         run = self._drive(experiment, known)
         speed, _ = free_run(learned.shape, learned.weights, run)
+        if is_current_unknown(experiment):
+            more = self.base.physics.current_beside(experiment, speed + known)
+            run = run._replace(current=run.current + more)
+            speed, _ = free_run(learned.shape, learned.weights, run)
         variance = np.full(speed.size, learned.noise_std**2)
         if not learned.shape.knows(speed):  # it has left all that it was learned from
             alone = self.base.predict(experiment).speed

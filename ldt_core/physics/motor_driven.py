@@ -196,7 +196,8 @@ class MotorDriven(Physics):
                 *(plan.values, most, BEND_IN_SEARCH if least_step > 0 else BEND, plan.finest),
             )
             if work is not None:
-                usual = USUAL_ROUNDS * int(steps.sum())
+                # An effect's own states may ask for far shorter steps than the plan was made for.
+                usual = USUAL_ROUNDS * int(steps_of(edges, max_step).sum())
                 more = ROUND_PRICE * max(0, rounds - usual)
                 work.add(more, (1 + len(terms)) * min(rounds, usual))
         else:

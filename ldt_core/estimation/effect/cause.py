@@ -15,7 +15,7 @@ from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment
 from ldt_core.estimation.effect.effect_coordinates import EffectCoordinates
-from ldt_core.estimation.start_at_rest import AT_REST, first_current
+from ldt_core.estimation.free_run_start import AT_REST, first_current
 from ldt_core.physics.base import ANGLE, CURRENT, SPEED, FreeRun
 
 if TYPE_CHECKING:

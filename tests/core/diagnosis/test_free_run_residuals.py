@@ -18,7 +18,7 @@ from ldt_core.diagnosis.free_run_residuals import FreeRunResiduals
 from ldt_core.diagnosis.simulated_experiments import SEARCH_STEP
 from ldt_core.diagnosis.start_angles import gain_of_angles
 from ldt_core.diagnosis.start_states import _far_apart, directions
-from ldt_core.estimation.start_at_rest import AT_REST
+from ldt_core.estimation.free_run_start import AT_REST
 from ldt_core.estimation.variable_projection import basis_of, project_out
 
 FASTER = (6.0, 16.0)  # V: through the resonance of the foundation
