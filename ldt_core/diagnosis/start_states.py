@@ -74,13 +74,44 @@ def start_states_for(
     turning = bool(use) and (residuals.shaking or turns(residuals, use))
     running = any(not p.at_rest for p in residuals.pieces)
     if not ((running and (shaken or states or turning)) or (free and turning) or still):
-        if columns is None:
-            return residuals.starts
-        return replace(residuals.starts, bases=tuple(map(basis_of, columns)))
+        starts = residuals.starts
+        if columns is not None:
+            starts = replace(starts, bases=tuple(map(basis_of, columns)))
+        bent = running and any(effect.terms for effect, _ in use)
+        return _nearer(residuals, use, step, starts) if bent else starts
     moving = residuals.physics.shakes(values)
     return searched_start_states(
         residuals, use, moving, turning or (shaken and moving), free, step, near, still, columns
     )
+
+
+def _nearer(
+    residuals: SimulatedExperiments, use: Use, step: float, starts: StartStates
+) -> StartStates:
+    """The same from a first speed and current nearer to what they were.
+
+    What they move is projected out to first order, which ends where a friction changes its sign.
+    """
+    pieces = residuals.pieces
+    unknown = [(SPEED, CURRENT)[-p.columns.shape[1] :] if p.columns.size else () for p in pieces]
+    offsets = [np.zeros(len(residuals.physics.states)) for _ in pieces]
+    kept, least = list(offsets), np.full(len(pieces), np.inf)
+    asked = [i for i, states in enumerate(unknown) if states]
+    for _ in range(STATE_STEPS):
+        runs, going_on = [Simulated(i, use, 0.0, offsets[i]) for i in asked], []
+        for i, rest in zip(asked, residuals.differences(runs, step), strict=True):
+            loss = _loss_beside(starts.bases[i], rest)
+            if float(rest @ rest) * LEAST_DECREASE > least[i] or np.isinf(least[i]):
+                going_on.append(i)  # it is not yet as small as the step before promised
+            if loss > least[i]:
+                offsets[i] = (kept[i] + offsets[i]) / 2
+                continue
+            kept[i], least[i] = offsets[i], loss
+            offsets[i] = kept[i].copy()
+            moved = np.linalg.lstsq(pieces[i].columns, rest, rcond=None)[0]
+            offsets[i][list(unknown[i])] += moved
+        asked = going_on
+    return replace(starts, offsets=tuple(kept))
 
 
 def _columns(residuals: SimulatedExperiments, values: Values) -> list[Array] | None:

@@ -87,5 +87,5 @@ def intervals_of(found: FittedStructure, told: Array) -> dict[str, dict[str, lis
 
 def _inverse(matrix: Array) -> Array:
     """Of a positive definite one; coordinates of any sizes."""
-    size = np.sqrt(np.diag(matrix))
+    size = np.sqrt(np.abs(np.diag(matrix)))  # below 0 by rounding
     return np.linalg.inv(matrix / np.outer(size, size)) / np.outer(size, size)

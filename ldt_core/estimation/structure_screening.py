@@ -289,7 +289,8 @@ class Screening:
 
 
 def _squares(rows: Array) -> float:
-    return float(rows @ rows)
+    with np.errstate(over="ignore"):  # of a run that explodes
+        return float(rows @ rows)
 
 
 def _differences(q: Array, high: Array) -> Array:

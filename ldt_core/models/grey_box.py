@@ -16,7 +16,7 @@ from ldt_core.base.pausable import Pausable, finished
 from ldt_core.estimation.amount_interval import intervals_of
 from ldt_core.estimation.effect.start_angle import FoundAngle, believe, together
 from ldt_core.estimation.fitted_structure import FittedStructure
-from ldt_core.estimation.free_run_start import current_beside, is_current_unknown
+from ldt_core.estimation.free_run_start import told_current
 from ldt_core.estimation.grey_box import ANGLES, COARSE_STEP, Case, GreyBox, Prior
 from ldt_core.estimation.misfit import misfit, noise_in, setting
 from ldt_core.estimation.structure_screening import Present
@@ -166,10 +166,15 @@ class GreyBoxModel(Model):
             return Prediction(*about, speed, np.sqrt(variance))
         if rest and self.angle is not None:
             start[0] = self.angle.angle or 0.0
+
+        def run(current: float) -> Array:
+            begun = start.copy()
+            begun[CURRENT] = current
+            return self.box.speed(self.q, experiment, rest, begun)
+
+        if not rest:
+            start[CURRENT] = told_current(run, self.box.motor(self.q), experiment)
         speed = self.box.speed(self.q, experiment, rest, start)
-        if not rest and is_current_unknown(experiment):
-            start[CURRENT] = current_beside(self.box.motor(self.q), experiment, speed)
-            speed = self.box.speed(self.q, experiment, rest, start)
         if self.noise_std is None:
             return Prediction(*about, speed)
         low, high = self.box.low, self.box.high

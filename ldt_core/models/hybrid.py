@@ -12,7 +12,7 @@ from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError, OptionError, did_you_mean
 from ldt_core.base.experiment import Experiment, Prediction
 from ldt_core.base.threads import one_thread
-from ldt_core.estimation.free_run_start import first_current, is_current_unknown
+from ldt_core.estimation.free_run_start import first_current
 from ldt_core.estimation.motor_run import MotorRun
 from ldt_core.machine.machine_file import Machine
 from ldt_core.models.base import Model
@@ -111,11 +111,13 @@ class HybridModel(Model):
         """
         ad, bd, gd = self.motor(experiment.period)
         start = self.start(experiment)
-        speed, slopes, deviation = self.run(ad, bd, gd, experiment.voltage, start)
         beside = self.known_effects(experiment) if self._more_than_motor else 0.0
-        if is_current_unknown(experiment):
-            start[0] += self.physics.current_beside(experiment, speed + beside)
-            speed, slopes, deviation = self.run(ad, bd, gd, experiment.voltage, start)
+
+        def run(more: float) -> tuple[Array, Array, Array]:
+            return self.run(ad, bd, gd, experiment.voltage, start + np.array([more, 0.0]))
+
+        more = self.physics.told_current(experiment, lambda more: run(more)[0] + beside)
+        speed, slopes, deviation = run(more)
         std = None
         if self.learned is not None:
             known = self.learned

@@ -10,7 +10,7 @@ import numpy as np
 from ldt_core.base.arrays import Array
 from ldt_core.base.errors import MachineFileError, OptionError
 from ldt_core.base.experiment import Experiment, Prediction
-from ldt_core.estimation.free_run_start import current_beside, first_current, is_current_unknown
+from ldt_core.estimation.free_run_start import first_current, told_current
 from ldt_core.estimation.linear import StateSpace, identify
 from ldt_core.estimation.linear.alternatives import squared_distances
 from ldt_core.estimation.linear.identification import MOST_ORDER
@@ -107,12 +107,14 @@ class LinearModel(Model):
         place = self.states.index("current")
         if current is not None:
             start[place] = current
-        speed = self.state_space.simulate(*about, start)
-        if is_current_unknown(experiment):
-            motor = self.machine.model.folded(self.machine.parameters)
-            start[place] += current_beside(motor, experiment, speed)
-            speed = self.state_space.simulate(*about, start)
-        return speed
+
+        def run(more: float) -> Array:
+            begun = start.copy()
+            begun[place] += more
+            return self.state_space.simulate(*about, begun)
+
+        motor = self.machine.model.folded(self.machine.parameters)
+        return run(told_current(run, motor, experiment))
 
     def shaped_like(self, other: Self) -> Self:
         """The same model, with the order that `other` has."""

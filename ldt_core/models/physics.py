@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import functools
+from collections.abc import Callable, Sequence
 from typing import Any, Self
 
 from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError, did_you_mean
 from ldt_core.base.experiment import Experiment, Prediction
-from ldt_core.estimation.free_run_start import (
-    current_beside,
-    first_current,
-    is_current_unknown,
-)
+from ldt_core.estimation.free_run_start import first_current, told_current
 from ldt_core.models.base import Model
 from ldt_core.physics.base import CURRENT
 from ldt_core.physics.parameter import Values
@@ -56,10 +53,7 @@ class PhysicsModel(Model):
             LdtError: the simulated state grows without bound.
         """
         about = experiment.number, experiment.start, experiment.period, self.version
-        speed = self.free_run(experiment)
-        if is_current_unknown(experiment):
-            speed = self.free_run(experiment, self.current_beside(experiment, speed))
-        return Prediction(*about, speed)
+        return Prediction(*about, self.free_run(experiment, self.told_current(experiment)))
 
     def free_run(self, experiment: Experiment, beside: float = 0.0) -> Array:
         """(L,) speed from the first current that is guessed [rad/s], or so much beside it [A]."""
@@ -71,9 +65,12 @@ class PhysicsModel(Model):
         states = self.physics.simulate(self.values, experiment.voltage, period, state, acting)
         return self.physics.measure(states, period, acting, self.values)
 
-    def current_beside(self, experiment: Experiment, predicted: Array) -> float:
-        """See `free_run_start.current_beside`; of this machine's motor."""
-        return current_beside(self.physics.folded(self._changed()), experiment, predicted)
+    def told_current(
+        self, experiment: Experiment, run: Callable[[float], Array] | None = None
+    ) -> float:
+        """See `free_run_start.told_current`: of this machine's motor; None takes `free_run`."""
+        own = functools.partial(self.free_run, experiment)
+        return told_current(run or own, self.physics.folded(self._changed()), experiment)
 
     def _changed(self) -> Values:
         values: Values = self.values

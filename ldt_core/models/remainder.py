@@ -11,7 +11,6 @@ from ldt_core.base.arrays import Array
 from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment, Prediction
 from ldt_core.base.threads import one_thread
-from ldt_core.estimation.free_run_start import is_current_unknown
 from ldt_core.estimation.motor_run import MotorRun
 from ldt_core.estimation.remainder import LearnedRemainder, fit_remainder
 from ldt_core.estimation.remainder_run import CurveNodes, RemainderShape, free_run
@@ -71,11 +70,15 @@ class RemainderModel(Model):
             return Prediction(*about, self.base.predict(experiment).speed)
         known = self.base.known_effects(experiment)
         run = self._drive(experiment, known)
+
+        def begun(more: float) -> MotorRun:
+            return run._replace(current=run.current + more)
+
+        def speed_from(more: float) -> Array:
+            return free_run(learned.shape, learned.weights, begun(more))[0] + known
+
+        run = begun(self.base.physics.told_current(experiment, speed_from))
         speed, _ = free_run(learned.shape, learned.weights, run)
-        if is_current_unknown(experiment):
-            more = self.base.physics.current_beside(experiment, speed + known)
-            run = run._replace(current=run.current + more)
-            speed, _ = free_run(learned.shape, learned.weights, run)
         variance = np.full(speed.size, learned.noise_std**2)
         if not learned.shape.knows(speed):  # it has left all that it was learned from
             alone = self.base.predict(experiment).speed

@@ -13,7 +13,7 @@ from ldt_core.models.grey_box import GreyBoxModel
 from ldt_core.twin.adaptor import Adaptor
 from ldt_core.twin.condition_chain import UNLEARNED, ConditionChain
 from ldt_core.twin.memory import Memory
-from ldt_core.twin.original_watch import COMPARED, OriginalWatch
+from ldt_core.twin.original_watch import COMPARED, WORSE, OriginalWatch
 from ldt_core.twin.search_backoff import SearchBackoff
 from ldt_core.twin.stage import RecordedStep
 from ldt_core.twin.version_errors import (
@@ -38,6 +38,9 @@ FOLLOWED = "followed"
 #: Probability from which on a condition is taken to last: the errors of one machine differ by up to
 #: `FAR`, and what two of them say of two versions by its square.
 LASTS = FAR**2 / (1 + FAR**2)
+#: Experiments in a row that the original does not explain, after which its condition is taken to
+#: have gone for good: of two conditions at random, one in eight of such rows is of one alone.
+LEFT_FOR_GOOD = 3
 
 
 class KnownVersions(Adaptor):
@@ -125,13 +128,18 @@ class KnownVersions(Adaptor):
 
     def _leads(self, model: Model, experiment: Experiment) -> bool:
         """Whether something new may come into force: where the original has taken the place of what
-        learned, it has to err less than that over the last experiments, too.
+        learned, it has to err less than that over the last experiments, too. Once the machine has
+        left the original's condition for good, over those since, and plainly.
         """
         if not self.watch.withdrawn or not alike(self.model, self.original):
             return True
         last = [*self._recent(experiment)[1 - COMPARED :], experiment]
+        right = (k for k, e in enumerate(last) if explains(self.original, e))
+        left = 1 + max(right, default=-1)
+        gone = left > 0 and len(last) - left >= LEFT_FOR_GOOD
+        last = last[left:] if gone else last
         errors = [sum(largest_error(m, e) for e in last) for m in (model, self.original)]
-        return errors[0] < errors[1]
+        return errors[0] * (WORSE if gone else 1.0) < errors[1]
 
     def _follow(self) -> bool:
         """Note what would be in force; whether that is another version than the one that is."""
