@@ -2,9 +2,9 @@
 
 - A code block of another language than bash whose first line is a comment with a file name, as
   `# mine.py`, becomes that file.
-- A bash block is run in the same folder; it must end without an error. One of plain `ldt` commands,
-  or of programs of the page without nodes, is run in this process: that saves each of them the
-  seconds of its start.
+- A bash block is run in the same folder; it must end without an error. Plain `ldt` commands and
+  programs of the page without nodes, at its begin and its end, are run in this process: that saves
+  each of them the seconds of its start.
 - A text block behind one is what it prints, line by line; `...` stands for anything.
 - `ldt demo`, with which some pages begin, is run once and its folder copied after that.
 - `<!-- not run: REASON -->` before a block leaves it out; the reason is kept.
@@ -33,8 +33,8 @@ from ldt_core.cli import invoke, ldt
 
 BLOCK = re.compile(r"(?:<!-- not run: ([^>]*?) -->\n+)?^```(\w+)\n(.*?)^```$", re.S | re.M)
 FILE = re.compile(r"(?:#|<!--|//) ([\w.@/-]+\.\w+)(?: -->)?$", re.M)
-PLAIN = re.compile(r"(?:ldt (?!up )[^|&;<>$`*#\\\n]*\n)+")  # no shell needed, no nodes started
-PROGRAM = re.compile(r"python (\w+\.py)\n")
+PLAIN = r"(?:ldt (?!up )[^|&;<>$`*#\\\n]*|python \w+\.py)\n"  # no shell needed
+PARTS = re.compile(rf"((?:{PLAIN})*)(.*?)((?:^(?<!\\\n){PLAIN})*)", re.S | re.M)
 PATIENCE = 900.0  # s; a stalled machine is not what is tested
 
 
@@ -82,11 +82,24 @@ def execute(text: str, folder: Path, programs: Programs) -> Done:
 
 def _run(block: str, folder: Path, programs: Programs) -> str:
     """Everything that the commands print."""
-    if PLAIN.fullmatch(block):
-        return "".join(_call(line, folder) for line in block.splitlines())
-    program = PROGRAM.fullmatch(block)
-    if program and "ldt_ros" not in (folder / program[1]).read_text():
-        return _printed_in(folder, functools.partial(runpy.run_path, program[1], None, "__main__"))
+    parts = PARTS.fullmatch(block)
+    assert parts
+    begin, middle, end = parts.groups()
+    printed = [_line(line, folder, programs) for line in begin.splitlines()]
+    printed += [_shell(middle, folder, programs)] if middle else []
+    return "".join(printed + [_line(line, folder, programs) for line in end.splitlines()])
+
+
+def _line(line: str, folder: Path, programs: Programs) -> str:
+    if line.startswith("ldt "):
+        return _call(line, folder)
+    program = line.removeprefix("python ")
+    if "ldt_ros" in (folder / program).read_text():
+        return _shell(line, folder, programs)
+    return _printed_in(folder, functools.partial(runpy.run_path, program, None, "__main__"))
+
+
+def _shell(block: str, folder: Path, programs: Programs) -> str:
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     environment = {**os.environ, "PATH": path, "COLUMNS": "200"}
     command = ["bash", "-euo", "pipefail", "-c", block]

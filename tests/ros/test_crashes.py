@@ -44,6 +44,12 @@ from ldt_ros.graph.node_graph import Graph
 from ldt_ros.graph.supervisor import Supervisor
 from ldt_ros.up import launch
 
+#: `RUN` for `launch`.
+GIVEN = {
+    **{"machine": "dc_motor", "experiments": 40, "seed": 3, "start_time": 1e9},
+    **{"model": "linear", "order": 1},
+}
+
 
 def hosted(launcher: int) -> dict[int, psutil.Process]:
     """A fleet's processes that live, by the number of their machines."""
@@ -63,7 +69,7 @@ def test_every_node_may_be_killed_and_nothing_is_lost_or_doubled(ldt, undisturbe
     # 0.25 s an experiment: all five are killed before the run ends, on a quick machine too.
     place = tmp_path / "tmp"
     place.mkdir()
-    process = ldt("up", *RUN, "--rate", "80", "--bag", "run", "--json", TMPDIR=str(place))
+    process = ldt("up", *RUN, "--rate", "40", "--bag", "run", "--json", TMPDIR=str(place))
     wait_for(tmp_path / "run", 1)
     shutil.rmtree(next(place.glob("ldt-*")))
     roles = ("detector", "recorder", "twin", "plant", "adaptor")
@@ -97,8 +103,7 @@ def test_a_recorder_killed_when_the_source_has_no_more_loses_nothing(
         plain(*arguments, **more)
 
     monkeypatch.setattr(*at, kill)
-    given = {"experiments": 40, "seed": 3, "model": "linear", "order": 1, "start_time": 1e9}
-    (run,) = launch({**given, "bag": "run"}, on_step)
+    (run,) = launch({**GIVEN, "bag": "run"}, on_step)
     assert run.summary.notes == ["recorder crashed once and was started again"]
     assert (run.summary.failures, run.summary.experiments) == ([], 40)
     assert differences(undisturbed, tmp_path / "run") == {}
@@ -125,8 +130,7 @@ def test_a_recorder_killed_at_an_interrupt_loses_nothing(
         plain(*arguments, **more)
 
     monkeypatch.setattr(Graph, "_settle", kill)
-    given = {"experiments": 40, "seed": 3, "model": "linear", "order": 1, "start_time": 1e9}
-    (run,) = launch({**given, "rate": "80", "bag": "run"}, on_step, lambda: bool(asked))
+    (run,) = launch({**GIVEN, "rate": "40", "bag": "run"}, on_step, lambda: bool(asked))
     told = ["interrupted", "recorder crashed once and was started again"]
     assert (sorted(run.summary.notes), run.summary.failures) == (told, [])
     found = [a.experiment for a in read_bag(tmp_path / "run").records("adaptation")]
@@ -168,7 +172,7 @@ def test_the_comparison_finds_what_is_lost_doubled_or_other(undisturbed, tmp_pat
 
 def test_a_whole_stack_that_was_killed_goes_on(ldt, undisturbed, tmp_path):
     """After the end of every process at once, `ldt up --resume` makes the run whole."""
-    process = ldt("up", *RUN, "--bag", "run", "--rate", "150")
+    process = ldt("up", *RUN, "--bag", "run", "--rate", "75")
     wait_for(tmp_path / "run", 5)
     os.killpg(process.pid, signal.SIGSTOP)  # none of them may notice the end of another
     for node in nodes(process.pid).values():
@@ -212,23 +216,23 @@ def test_a_counter_that_began_anew_is_no_reason_to_lose_anything(ldt, tmp_path):
 
 def test_a_run_without_the_graph_goes_on_as_well(ldt, undisturbed, tmp_path):
     """`ldt run` killed, and taken up by `ldt run --resume` and by `ldt up --resume`."""
-    process = ldt("run", *RUN, "--bag", "run")
+    process = ldt("run", *RUN, "--rate", "100", "--bag", "run")
     wait_for(tmp_path / "run", 10)
     process.kill()
     process.communicate()
     assert recorded(tmp_path / "run") < 40
     shutil.copytree(tmp_path / "run", tmp_path / "up" / "run")
     for command, bag in (("run", "run"), ("up", "up/run")):
-        ran(tmp_path, command, "--resume", bag)
+        ran(tmp_path, command, "--resume", bag, "--rate", "max")
         assert differences(undisturbed, tmp_path / bag) == {}
 
 
 def test_a_fleet_s_process_goes_on_with_all_its_machines(ldt, tmp_path):
     """All nodes of two machines die at once; the third machine does not notice."""
-    fleet = ("--experiments", "16", "--machines", "3", *RUN[2:])
+    fleet = (*RUN, "--experiments", "16", "--machines", "3")
     ran(tmp_path, "run", *fleet, "--bag", "undisturbed")
     # Paced, since a run at full speed can end before the second kill.
-    paced = ("--rate", "60", "--processes", "2")
+    paced = ("--rate", "30", "--processes", "2")
     process = ldt("up", *fleet, *paced, "--bag", "run", "--json")
     recording = tmp_path / "run" / "machine_1"
     so_far = 0
@@ -347,7 +351,7 @@ def test_a_part_that_was_edited_since_the_run_began_does_not_go_on_with_it(
     monkeypatch.chdir(tmp_path)
     own = ("--detector", "mine.py:Mine")
     for command, other in (("run", "up"), ("up", "run")):
-        ran(tmp_path, command, "--experiments", "4", *RUN[2:], *own, "--bag", command)
+        ran(tmp_path, command, *RUN, "--experiments", "4", *own, "--bag", command)
         ran(tmp_path, other, "--resume", command, *own)
         before = {f: f.read_bytes() for f in (tmp_path / command).iterdir()}
         text = part.read_text()
