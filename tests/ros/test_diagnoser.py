@@ -30,7 +30,7 @@ WORN = {
     "threshold": 2.0,
     "degradation": "none",
     "effect": ["unbalance:e=0.01"],
-    "experiments": 3,
+    "experiments": 2,
     "seed": 5,
     "start_time": 1.0e9,
 }
@@ -158,7 +158,7 @@ def test_the_adaptor_diagnoses_for_a_model_that_learns_by_it(domain, rotor, tmp_
     from ldt_ros.up import launch
 
     given = {**WORN, "machine": rotor, "model": "diagnosed", "cause": "auto", "diagnose": True}
-    given |= {"experiments": 5, "diagnosis_after": 2}
+    given |= {"experiments": 4, "diagnosis_after": 2}
     settings = resolve({**given, "bag": str(tmp_path / "graph")})
     machine = load_machine(rotor)
     launch(settings)

@@ -13,7 +13,6 @@ import pytest
 rclpy = pytest.importorskip("rclpy")
 
 from disturbed import (  # noqa: E402
-    LDT,
     MODEL,
     PATIENCE,
     adaptations,
@@ -98,13 +97,12 @@ def test_what_its_state_does_not_have_is_refused(stranger):
     assert PAUSED in stranger.heard["adaptation"][0].details
 
 
-def test_it_stays_off_over_a_crash_and_the_end_of_the_run(ldt, programs, tmp_path):
+def test_it_stays_off_over_a_crash_and_the_end_of_the_run(ldt, environment, capsys, tmp_path):
     """Until it is switched on; then the twin learns again, from what came since alone."""
 
     def says(*arguments: str) -> str:
-        code, printed = programs.run([LDT, "learning", *arguments], PATIENCE, cwd=tmp_path)
-        assert code == 0, printed
-        return printed.strip()
+        assert invoke(commands, ["learning", *arguments]) == 0
+        return capsys.readouterr().out.strip()
 
     def told() -> dict[int, Adaptation]:
         return {a.experiment: a for a in adaptations(bag)}
@@ -113,8 +111,8 @@ def test_it_stays_off_over_a_crash_and_the_end_of_the_run(ldt, programs, tmp_pat
         return {n for n, a in told().items() if n > after and PAUSED in a.details}
 
     bag = tmp_path / "run"
-    model = (*MODEL, "--degradation", "ramp", "--seed", "3")
-    paced = ("--experiments", "100000", "--rate", "100", "--bag", "run")
+    model = (*MODEL, "--machine", "dc_motor", "--degradation", "ramp", "--seed", "3")
+    paced = ("--experiments", "100000", "--rate", "50", "--bag", "run")
     graph = ldt("up", *model, *paced)
     wait_for(bag, 2)
     assert says() == "learning is on"
