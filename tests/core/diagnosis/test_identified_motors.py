@@ -80,12 +80,13 @@ def test_a_better_sensor_makes_nothing_worse(noise, inductance):
 
 
 FRICTION = "coulomb_friction:torque=0.004"
+few = functools.partial(runs, count=4, samples=500)
 
 
 @pytest.fixture(scope="module")
 def with_friction():
     """Files of a motor whose dry friction neither of them has: identified, and calibrated."""
-    records = runs(motor_file(TRUE, SAMPLES, PERIOD), FRICTION, seed=3)
+    records = few(motor_file(TRUE, SAMPLES, PERIOD), FRICTION, seed=3)
     sheet = motor_file({**TRUE, "K_t": 0.053, "R": 1.4, "J": 2.3e-4}, SAMPLES, PERIOD)
     identified = identify_machine(records, "m", limits=(-24, 24)).machine
     return {
@@ -106,7 +107,7 @@ def test_a_number_that_changed_is_named_beside_what_the_file_lacks(
     with_friction, file, changed, names
 ):
     """The friction alone was named, at 0.91, with the usual tolerance for a number 10 % off."""
-    records = runs(motor_file({**TRUE, **changed}, SAMPLES, PERIOD), FRICTION, seed=7)
+    records = few(motor_file({**TRUE, **changed}, SAMPLES, PERIOD), FRICTION, seed=7)
     found = diagnose(with_friction[file], records, effects=EFFECTS, workers=1)
     acting = found.verdict.acting
     assert any("coulomb_friction" in group for group in acting)

@@ -59,7 +59,7 @@ def found(experiments):
 @pytest.mark.slow
 def test_a_ripple_that_is_quick_against_the_samples_is_a_gap():
     """To the measured signal's third differences it is noise, and larger than the sensor's."""
-    experiments = cogged(0.6, 5.0, (6.0, 12.0), 0.02, [0.0] * 5)
+    experiments = cogged(0.6, 5.0, (6.0, 12.0), 0.02, [0.0] * 4)
     seeming = white_noise(e.speed for e in experiments)
     assert seeming > 7 * 0.02
     answer = found(experiments)

@@ -47,7 +47,7 @@ def recorded(count: int) -> list[Experiment]:
 def test_a_turntable_s_dry_friction_is_found_down_to_the_noise(tmp_path):
     """Smoothed over 0.02 rad/s, its law left twice the noise and took a part for Stribeck's."""
     verdict = diagnose(
-        turntable(tmp_path / "turntable.yaml"), recorded(2), seed=0, workers=1
+        turntable(tmp_path / "turntable.yaml"), recorded(1), seed=0, workers=1
     ).verdict
     assert verdict.acting == [["coulomb_friction"]]
     assert verdict.confidence > 0.9
