@@ -260,7 +260,7 @@ class Slow(Threshold):
         self.count = getattr(self, "count", 0) + 1
         end = time.monotonic() + (0 if self.count == 1 else 300)
         while time.monotonic() < end:
-            sum(range(1000))
+            time.sleep(0.01)
         super().update(residual, deviation)
 """
 

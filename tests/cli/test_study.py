@@ -33,7 +33,7 @@ def done(short_rotor, tmp_path_factory) -> Path:
     out = tmp_path_factory.mktemp("study") / "out"
     with pytest.MonkeyPatch.context() as patched:
         undrawn(patched)
-        assert invoke(ldt, small(short_rotor, out, "--jobs", "2")) == 0
+        assert invoke(ldt, small(short_rotor, out)) == 0
     return out
 
 
