@@ -33,11 +33,11 @@ def error(capsys, *arguments):
 
 @pytest.fixture
 def generator(measured, tmp_path):
-    """Ten times thinned: 100 s of the first half as experiments of 12.5 s, 50 s of the second."""
+    """Ten times thinned: 50 s of the first half as experiments of 12.5 s, 50 s of the second."""
     with gzip.open(measured / "motor_generator" / "motor_generator.csv.gz", "rt") as file:
         head, *rows = file.read().splitlines()[:300_001]
     bags = []
-    for name, part, length in (("first", rows[:100_000], 12.5), ("second", rows[250_000:], 50)):
+    for name, part, length in (("first", rows[:50_000], 12.5), ("second", rows[250_000:], 50)):
         source, bag = tmp_path / f"{name}.csv", str(tmp_path / name)
         source.write_text("\n".join([head, *part[::10]]) + "\n")
         fields = ["--voltage", "drive", "--speed", "speed", "--sample-period", 0.01]

@@ -13,8 +13,10 @@ from pathlib import Path
 
 import psutil
 import pytest
-from disturbed import complaints, recorded
+from disturbed import complaints, ran, recorded
 
+from ldt_core.cli import invoke
+from ldt_core.cli import ldt as commands
 from ldt_core.recording.bag import read_bag
 
 rclpy = pytest.importorskip("rclpy")
@@ -174,18 +176,18 @@ def test_a_node_that_dies_is_named(start, domain, tmp_path):
     assert graph_processes(domain) == []
 
 
-def test_a_second_graph_in_the_same_domain_is_refused(start, tmp_path):
+def test_a_second_graph_in_the_same_domain_is_refused(start, tmp_path, monkeypatch, capfd):
     """Two publishers of one topic would make nonsense of both; another namespace is fine."""
     # At a pace that leaves the cores to the others.
     first = start("--experiments", "100000", "--rate", "40", "--bag", "first")
     wait_for(lambda: recorded(tmp_path / "first") > 1, "experiments in the recording")
-    code, _, errors = finish(start("--experiments", "2", "--bag", "second"))
-    assert code == 2
+    monkeypatch.chdir(tmp_path)
+    few = ("up", "--model", "physics", "--experiments", "2")
+    assert invoke(commands, [*few, "--bag", "second"]) == 2
+    errors = capfd.readouterr().err
     assert "expected no publisher before the graph starts" in errors
     assert "ROS_DOMAIN_ID" in errors
-    beside = ["--experiments", "2", "--bag", "third", "--namespace", "other"]
-    code, _, errors = finish(start(*beside))
-    assert (code, complaints(errors)) == (0, "")
+    assert ran(tmp_path, *few, "--bag", "third", "--namespace", "other")["experiments"] == 2
     first.send_signal(signal.SIGINT)
     assert finish(first)[0] == 0
 
