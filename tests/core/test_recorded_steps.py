@@ -67,7 +67,7 @@ def same(one, other):
     "given",
     [
         # Where an order is given: choosing one is most of the work, and nothing that is recalled.
-        {"model": "linear", "order": 1, "detector": "threshold"},
+        {"model": "linear", "order": 1, "detector": "threshold", "experiments": 16},
         {
             "model": "linear",
             "order": 1,
@@ -76,7 +76,7 @@ def same(one, other):
             "data": "warning-set",
             "warning_threshold": 0.3,
         },
-        {"model": "linear", "order": 1, "detector": "adequacy"},
+        {"model": "linear", "order": 1, "detector": "adequacy", "experiments": 16},
         {"model": "hybrid", "experiments": 12, "degradation": "abrupt", "inducing": 30},
         {"model": "diagnosed", "cause": "unbalance", "experiments": 12, "degradation": "abrupt"},
         {"model": "linear", "order": 1, "advice": True, "advice_every": 3, "degradation": "abrupt"},

@@ -37,7 +37,7 @@ RUNS = {
     },
     "no model that learns, never": {"model": "physics", "detector": "never"},
 }
-COMMON = {"experiments": 8, "seed": 5, "start_time": 1.0e9, "measure_current": False}
+COMMON = {"experiments": 6, "seed": 5, "start_time": 1.0e9, "measure_current": False}
 
 
 @pytest.mark.parametrize("name", RUNS)

@@ -199,7 +199,7 @@ def test_a_challenge_that_is_broken_off_leaves_nothing(jobs, tmp_path):
             yield item
 
     with pytest.raises(KeyboardInterrupt):
-        make_challenge(3, SEED, out, samples=SAMPLES, jobs=jobs, progress=broken_off)
+        make_challenge(2, SEED, out, samples=SAMPLES, jobs=jobs, progress=broken_off)
     assert list(out.parent.iterdir()) == []
     key = make_challenge(1, SEED, out, samples=SAMPLES, jobs=1)
     assert sorted(out.parent.iterdir()) == [out, key]

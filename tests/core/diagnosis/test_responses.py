@@ -73,7 +73,7 @@ def test_no_further_effect_is_fitted_where_none_can_explain_what_is_left(waverin
 def test_a_further_effect_is_fitted_where_one_can_explain_what_is_left():
     """However little that is."""
     effects = "coulomb_friction:torque=0.2", "viscous_friction:b=0.0005"
-    measured = record(MOTOR, *effects, count=4, samples=600, noise=0.02)
+    measured = record(MOTOR, *effects, count=2, noise=0.02)
     assert 2 in sizes_tried(measured)
 
 
@@ -100,7 +100,7 @@ def test_a_twin_beside_a_plainer_law_competes_too():
     """It differs from the set in two members; it was fitted and then left out."""
     effects = "armature_resistance:factor=1.5", "coulomb_friction:torque=0.2"
     names = ("armature_resistance", "source_resistance", "coulomb_friction", "stribeck_friction")
-    measured = record(MOTOR, *effects, count=4)
+    measured = record(MOTOR, *effects, count=2, samples=300)
     search = EffectSetSearch(FreeRunResiduals(MOTOR, measured), candidates(MOTOR, names))
     search.twins = {names[0]: {names[1]}, names[1]: {names[0]}}
     search.run()
