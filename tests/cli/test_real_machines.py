@@ -84,7 +84,7 @@ def test_the_rig_s_step_shows_a_lag(measured, tmp_path, capsys):
 def test_the_default_learns_on_a_measured_motor(measured):
     """A speed controller's record in pieces of two seconds, of a motor that no cause explains.
 
-    The first teaches it for those after the second, while causes are still searched for.
+    The first teaches it for those after the second.
     """
 
     def record(name):
