@@ -56,9 +56,7 @@ def test_a_fault_shows_from_the_first_experiment_on(fault):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("change", "most", "seed"), [("gravity", 0.05, 1), ("cubic", 0.17, 3)]
-)
+@pytest.mark.parametrize(("change", "most", "seed"), [("gravity", 0.05, 1), ("cubic", 0.17, 3)])
 def test_behind_a_sensors_filter_what_changes_is_learned(change, most, seed):
     """No cause of one experiment replaces what was right before.
 

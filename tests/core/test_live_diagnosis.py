@@ -412,9 +412,7 @@ def test_a_worn_rotor_is_diagnosed_and_learned_for_real():
     settings = resolve({**AUTO, "diagnosis_after": 0, "detector": "threshold", "threshold": 2.0})
     effects = [parse_effect("unbalance:e=0.01")]
     plant = Plant(machine, degradation="none", effects=effects, seed=5, start_time=1e9)
-    steps = list(
-        Twin.from_settings(machine, settings).steps(plant.experiment(n) for n in (1, 2))
-    )
+    steps = list(Twin.from_settings(machine, settings).steps(plant.experiment(n) for n in (1, 2)))
     first = next(s for s in steps if s.diagnosis)
     assert (first.diagnosis.kind, first.diagnosis.cause) == ("effect", "unbalance")
     assert first.adaptation.reason.startswith("since experiment 1: unbalance has grown to 10 mm")
