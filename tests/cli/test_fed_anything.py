@@ -122,7 +122,7 @@ def test_several_recordings_that_all_fail_leave_no_empty_folder(tmp_path, capsys
     """With --each it is a table, and no exception."""
     with BagWriter(tmp_path / "short", machine="dc_motor") as writer:
         writer.write("experiment", Experiment(1, 0.0, 0.01, np.ones(9), np.arange(9.0)), 0.1)
-    line = f"diagnose {tmp_path}/short --machine dc_motor --each --out {tmp_path}/why"
+    line = f"diagnose {tmp_path}/short --machine dc_motor --each --jobs 1 --out {tmp_path}/why"
     assert invoke(ldt, line.split()) == 2
     assert "at least 200 samples" in capsys.readouterr().err
     assert not (tmp_path / "why").exists()
