@@ -1,4 +1,4 @@
-"""The short form of `ldt study --only robustness`: what the default leaves on three streams.
+"""The short form of `ldt study --only robustness`: what the default leaves on four streams.
 
 python -m tests.robustness_short
 
@@ -16,9 +16,9 @@ from ldt_core.lab.study.robustness.streams import STREAMS
 
 FILE = Path(__file__).parent / "core" / "robustness_short.json"
 SEED = 3
-#: A machine that goes back and forth, a file that lacks friction, and another cause than the usual
-#: one, not told. What the README's first command leaves stands on that page, whose test runs it.
-SHORT = ("recurring", "coulomb_e6", "friction_drifts")
+#: The README's first command, a machine that goes back and forth, a file that lacks friction, and
+#: another cause than the usual one, not told.
+SHORT = ("staircase", "recurring", "coulomb_e6", "friction_drifts")
 DIGITS = 4
 
 
