@@ -42,6 +42,11 @@ def first_current(experiment: Experiment) -> float | None:
     return _KNOWN[experiment]
 
 
+def is_running(experiment: Experiment) -> bool:
+    """Whether the machine did not stand still at the first sample."""
+    return abs(float(experiment.speed[0])) > AT_REST * white_noise([experiment.speed])
+
+
 def told_current(run: Callable[[float], Array], values: Values, experiment: Experiment) -> float:
     """Current [A] that flowed at the first sample beside the one that a free run begins with.
 
@@ -59,9 +64,9 @@ def told_current(run: Callable[[float], Array], values: Values, experiment: Expe
     """
     from ldt_core.physics.integrate import propagate  # with its compiler it takes long to import
 
-    speed, noise = experiment.speed, white_noise([experiment.speed])
-    if experiment.current is not None or abs(float(speed[0])) <= AT_REST * noise:
+    if experiment.current is not None or not is_running(experiment):
         return 0.0
+    speed, noise = experiment.speed, white_noise([experiment.speed])
     volts = float(np.abs(experiment.voltage).max() + values["K_t"] * np.abs(speed).max())
     most = volts / values["R"]
     ad, bd = MOTOR.discretised(values, experiment.period)

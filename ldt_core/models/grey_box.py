@@ -16,9 +16,9 @@ from ldt_core.base.pausable import Pausable, finished
 from ldt_core.estimation.amount_interval import intervals_of
 from ldt_core.estimation.effect.start_angle import FoundAngle, believe, together
 from ldt_core.estimation.fitted_structure import FittedStructure
-from ldt_core.estimation.free_run_start import told_current
 from ldt_core.estimation.grey_box import ANGLES, COARSE_STEP, Case, GreyBox, Prior
 from ldt_core.estimation.misfit import misfit, noise_in, setting
+from ldt_core.estimation.running_start import running_start
 from ldt_core.estimation.structure_screening import Present
 from ldt_core.estimation.structure_search import StructureSearch
 from ldt_core.models.base import Model
@@ -156,24 +156,17 @@ class GreyBoxModel(Model):
         rest = self.box.at_rest(experiment, noise) if noise else False
         start = np.zeros(CURRENT + 1)
         variance = np.full(len(experiment), noise**2)
-        unknown = self.angle is not None and (not rest or self.angle.same < EVEN - ROUNDED)
-        if unknown and noise:
+        if not rest:
+            start = running_start(self.box, self.q, experiment, self.turn)
+        elif self.angle is not None and self.angle.same < EVEN - ROUNDED:
             starts = [np.array([self.turn * k / ANGLES, 0.0, 0.0]) for k in range(ANGLES)]
             cases = [Case(self.q, experiment, rest, start) for start in starts]
             runs = self.box.speeds(cases, step=COARSE_STEP)
             speed = np.median(runs, axis=0)
             variance += np.mean((np.array(runs) - speed) ** 2, axis=0)
             return Prediction(*about, speed, np.sqrt(variance))
-        if rest and self.angle is not None:
+        elif self.angle is not None:
             start[0] = self.angle.angle or 0.0
-
-        def run(current: float) -> Array:
-            begun = start.copy()
-            begun[CURRENT] = current
-            return self.box.speed(self.q, experiment, rest, begun)
-
-        if not rest:
-            start[CURRENT] = told_current(run, self.box.motor(self.q), experiment)
         speed = self.box.speed(self.q, experiment, rest, start)
         if self.noise_std is None:
             return Prediction(*about, speed)
