@@ -118,8 +118,7 @@ class FreeRunResiduals:
         self._always_led = False
         #: Whether the machine shakes a foundation as its file knows it.
         self.shaking = self.physics.shakes(self.values)
-        if self.shaking:
-            self.starts = searched_start_states(self, (), True, True, True, SEARCH_STEP)
+        self._begin()
         if noise is None:
             self._repeat()
         self._colour(colour or {})
@@ -190,8 +189,14 @@ class FreeRunResiduals:
             piece.columns[length:] /= current
         bases = tuple(basis_of(p.columns) for p in self.pieces)
         self.starts = StartStates(self.starts.angles, bases, self.starts.offsets)
+        self._begin()
+
+    def _begin(self) -> None:
+        """Seek the start states of the machine without any effect, where they are not linear."""
         if self.shaking:
             self.starts = searched_start_states(self, (), True, True, True, SEARCH_STEP)
+        elif self.machine.effects:
+            self.starts = self.start_states(())
 
     def part(self, numbers: Sequence[int]) -> FreeRunResiduals:
         """The residuals with some of the experiments only, by their place in the list."""
@@ -316,15 +321,10 @@ class FreeRunResiduals:
                 if values is not None:
                     begun.append(self._free_run(asked, values))
                     about.append((place, values))
-        self.work.add(
-            self.price
-            * sum(
-                np.size(run.voltage)
-                * (TERMINAL_PRICE if any(e.terminal for e, _ in run.effects) else 1)
-                for run in begun
-                if run.tracked[1] > 0 or any(e.terms for e, _ in run.effects)
-            )
-        )
+        costly = [r for r in begun if r.tracked[1] > 0 or any(e.terms for e, _ in r.effects)]
+        prices = (TERMINAL_PRICE if any(e.terminal for e, _ in r.effects) else 1 for r in costly)
+        steps = sum(np.size(r.voltage) * price for r, price in zip(costly, prices, strict=True))
+        self.work.add(self.price * steps)
         for k, states in self.physics.simulate_all(begun, step, SHORTEST_STEP, self.workers):
             run, (place, values) = begun[k], about[k]
             if isinstance(states, LdtError):

@@ -130,7 +130,8 @@ def _powerful(quantity: str, found: ResidualTorque) -> tuple[float, float]:
     if not power.sum() > 0:
         return float(values.min()), float(values.max())
     width = np.diff(edges)
-    share = power * width / float(power @ width)
+    share = power / power.max() * width  # of a run that explodes, the product would be no number
+    share /= share.sum()
     i, j, _ = _most_beyond(share, width / width.sum())
     return float(edges[i]), float(edges[j] if quantity == "experiment" else edges[j + 1])
 

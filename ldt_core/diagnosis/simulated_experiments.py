@@ -10,6 +10,7 @@ import numpy as np
 
 from ldt_core.base.arrays import Array
 from ldt_core.base.experiment import Experiment
+from ldt_core.machine.machine_file import Machine
 from ldt_core.physics.base import ANGLE, CURRENT, NOT_TRACKED, SPEED, FreeRun, Physics
 from ldt_core.physics.effect import Effect
 from ldt_core.physics.integrate import propagate
@@ -118,6 +119,7 @@ def corrections(physics: Physics, values: Values, run: FreeRun, states: Array) -
 class SimulatedExperiments(Protocol):
     """What the estimation of start states needs of `FreeRunResiduals`."""
 
+    machine: Machine
     physics: Physics
     values: dict[str, float]
     pieces: list[PreparedExperiment]

@@ -73,45 +73,24 @@ def start_states_for(
     free = free or residuals.shaking
     turning = bool(use) and (residuals.shaking or turns(residuals, use))
     running = any(not p.at_rest for p in residuals.pieces)
-    if not ((running and (shaken or states or turning)) or (free and turning) or still):
-        starts = residuals.starts
-        if columns is not None:
-            starts = replace(starts, bases=tuple(map(basis_of, columns)))
-        bent = running and any(effect.terms for effect, _ in use)
-        return _nearer(residuals, use, step, starts) if bent else starts
+    bent = _is_bent(residuals, use)
+    if not ((running and (shaken or states or turning or bent)) or (free and turning) or still):
+        if columns is None:
+            return residuals.starts
+        return replace(residuals.starts, bases=tuple(map(basis_of, columns)))
     moving = residuals.physics.shakes(values)
     return searched_start_states(
-        residuals, use, moving, turning or (shaken and moving), free, step, near, still, columns
+        *(residuals, use, moving, turning or (shaken and moving), free, step, near, still, columns),
+        bent,
     )
 
 
-def _nearer(
-    residuals: SimulatedExperiments, use: Use, step: float, starts: StartStates
-) -> StartStates:
-    """The same from a first speed and current nearer to what they were.
-
-    What they move is projected out to first order, which ends where a friction changes its sign.
+def _is_bent(residuals: SimulatedExperiments, use: Use) -> bool:
+    """Whether what an unmeasured first current moves may be far from linear: a friction's sign
+    changes with it.
     """
-    pieces = residuals.pieces
-    unknown = [(SPEED, CURRENT)[-p.columns.shape[1] :] if p.columns.size else () for p in pieces]
-    offsets = [np.zeros(len(residuals.physics.states)) for _ in pieces]
-    kept, least = list(offsets), np.full(len(pieces), np.inf)
-    asked = [i for i, states in enumerate(unknown) if states]
-    for _ in range(STATE_STEPS):
-        runs, going_on = [Simulated(i, use, 0.0, offsets[i]) for i in asked], []
-        for i, rest in zip(asked, residuals.differences(runs, step), strict=True):
-            loss = _loss_beside(starts.bases[i], rest)
-            if float(rest @ rest) * LEAST_DECREASE > least[i] or np.isinf(least[i]):
-                going_on.append(i)  # it is not yet as small as the step before promised
-            if loss > least[i]:
-                offsets[i] = (kept[i] + offsets[i]) / 2
-                continue
-            kept[i], least[i] = offsets[i], loss
-            offsets[i] = kept[i].copy()
-            moved = np.linalg.lstsq(pieces[i].columns, rest, rcond=None)[0]
-            offsets[i][list(unknown[i])] += moved
-        asked = going_on
-    return replace(starts, offsets=tuple(kept))
+    unmeasured = any(p.experiment.current is None for p in residuals.pieces)
+    return unmeasured and any(e.terms for e, _ in (*residuals.machine.effects, *use))
 
 
 def _columns(residuals: SimulatedExperiments, values: Values) -> list[Array] | None:
@@ -143,6 +122,7 @@ def searched_start_states(
     near: StartStates | None = None,
     still: bool = False,
     columns: Sequence[Array] | None = None,
+    bent: bool = False,
 ) -> StartStates:
     """The same, once it is known what is unknown.
 
@@ -154,6 +134,7 @@ def searched_start_states(
         near: starts beside whose angles these are sought.
         still: the effects' states are sought in machines at rest as well.
         columns: of each experiment, see `PreparedExperiment`, where the effects change them.
+        bent: the first speed and current are sought as well.
     """
     pieces = residuals.pieces
     search = _StartSearch(residuals, use, step, columns or [p.columns for p in pieces])
@@ -167,7 +148,7 @@ def searched_start_states(
     unknown = (
         {k: DIFFERENCE_OF_START * FOUNDATION_SCALE for k in range(CURRENT + 1, n)} if moving else {}
     )
-    if states:
+    if states or bent:
         unknown |= {k: DIFFERENCE_OF_START for k in (SPEED, CURRENT, *range(n, n + states))}
     if turning:
         unknown[ANGLE] = DIFFERENCE_OF_START
@@ -197,7 +178,7 @@ def searched_start_states(
             begun += [(t, rest) for t in search.projected_angles(i, rest, unknown)]
         if near is not None and near.offsets[i].size == n + states:
             begun.append((float(near.angles[i]), near.offsets[i]))
-        rounds = FOUNDATION_STEPS if moving else STATE_STEPS if states else 1
+        rounds = FOUNDATION_STEPS if moving else STATE_STEPS if states or bent else 1
         tried: list[tuple[float, Array, Array]] = []
         for start in begun:
             tried.append(search.descended(i, *start, steps, rounds, reach))

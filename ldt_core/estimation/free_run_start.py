@@ -8,6 +8,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from ldt_core.base.arrays import Array
+from ldt_core.base.errors import LdtError
 from ldt_core.base.experiment import Experiment
 from ldt_core.estimation.noise import white_noise
 from ldt_core.physics.base import CURRENT, NOT_TRACKED, SPEED
@@ -81,7 +82,11 @@ def told_current(run: Callable[[float], Array], values: Values, experiment: Expe
         if by**2 * power <= LEAST_GAIN * float(left @ left):
             break
         tried = float(np.clip(found + share * by, -most, most))
-        rest = speed - run(tried)
+        try:
+            rest = speed - run(tried)
+        except LdtError:  # it grows without bound from there
+            share /= 2
+            continue
         if float(rest @ rest) < float(left @ left):
             found, left, share = tried, rest, 1.0
         else:

@@ -143,3 +143,17 @@ def test_a_change_is_learned_soon_though_its_own_experiment_has_misled():
     errors = [sum(s.signal.max_error for s in steps), 0.0]
     errors[1] = sum(s.original.max_error(s.experiment) for s in steps)
     assert errors[0] < 0.4 * errors[1]
+
+
+@pytest.mark.parametrize("seed", [1, 4])
+def test_a_file_that_knows_its_friction_leaves_no_gap(seed, tmp_path):
+    """It was a winding's heating, at 0.92."""
+    values = "".join(f"  {n}: {MOTOR.parameters[n]}\n" for n in ("J", "K_t", "R", "L", "b"))
+    file = tmp_path / "motor.yaml"
+    file.write_text(
+        "name: motor\nphysics: dc_motor\nlimits: {voltage: [-24, 24]}\n"
+        "experiment: {duration: 0.8, sample_period: 0.002}\nparameters:\n" + values + "effects:\n"
+        "- {name: coulomb_friction, parameters: {torque: 0.03}}\n"
+    )
+    experiments, _ = cut(8, "coulomb_friction:torque=0.03", seed=seed)
+    assert ldt.diagnose(experiments, load_machine(str(file))).verdict.kind == "none"
