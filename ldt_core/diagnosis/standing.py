@@ -154,7 +154,7 @@ def objection(
     mean = float(np.mean(np.concatenate([e.speed for e in fitted])))
     for name, level in (("a shaft that stands still", 0.0), ("a constant speed", mean)):
         power = float(np.mean((speed - level) ** 2))
-        moved = power - noise**2
+        moved = beyond_noise(math.sqrt(power), noise, speed.size)
         # Where nothing moves beyond noise, nothing could fail: no cause has been put to the test.
         if moved <= 0 or left > THRESHOLDS.unexplained_of_signal * moved:
             return f"it leaves {after.rmse:.3g} rad/s, where {name} leaves {power**0.5:.3g}"

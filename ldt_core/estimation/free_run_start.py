@@ -19,6 +19,8 @@ from ldt_core.physics.parameter import Values
 #: many deviations of the noise: one of 16,000 samples of normal noise is beyond.
 AT_REST = 4.0
 
+#: Of a motor's speed without a load: an error of half a per cent is a tachogenerator's usual class.
+STANDSTILL = 0.005
 #: Steps to a first current: those behind the first take off what a friction's sign has bent. And
 #: part of the sum of squares; a step that promises less is not taken.
 MOST_STEPS, LEAST_GAIN = 6, 0.01
@@ -43,9 +45,18 @@ def first_current(experiment: Experiment) -> float | None:
     return _KNOWN[experiment]
 
 
-def is_running(experiment: Experiment) -> bool:
-    """Whether the machine did not stand still at the first sample."""
-    return abs(float(experiment.speed[0])) > AT_REST * white_noise([experiment.speed])
+def is_running(values: Values, experiment: Experiment) -> bool:
+    """Whether the machine did not stand still at the first sample.
+
+    That is its noise where it is small beside the speed that the voltages drive, whatever the
+    samples behind it show.
+
+    Args:
+        values: of the motor.
+    """
+    first, noise = abs(float(experiment.speed[0])), white_noise([experiment.speed])
+    driven = float(np.abs(experiment.voltage).max()) / values["K_t"]
+    return first > max(AT_REST * noise, STANDSTILL * driven)
 
 
 def told_current(run: Callable[[float], Array], values: Values, experiment: Experiment) -> float:
@@ -65,7 +76,7 @@ def told_current(run: Callable[[float], Array], values: Values, experiment: Expe
     """
     from ldt_core.physics.integrate import propagate  # with its compiler it takes long to import
 
-    if experiment.current is not None or not is_running(experiment):
+    if experiment.current is not None or not is_running(values, experiment):
         return 0.0
     speed, noise = experiment.speed, white_noise([experiment.speed])
     volts = float(np.abs(experiment.voltage).max() + values["K_t"] * np.abs(speed).max())

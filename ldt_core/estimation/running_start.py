@@ -22,8 +22,8 @@ def running_start(box: GreyBox, q: Array, experiment: Experiment, turn: float) -
     Args:
         turn: angle [rad] by which starts may differ without a difference; 0 where it is not known.
     """
-    start = np.zeros(CURRENT + 1)
-    if not is_running(experiment):
+    start, motor = np.zeros(CURRENT + 1), box.motor(q)
+    if not is_running(motor, experiment):
         return start
     if box.physics.shakes(box.values(q)[0]):
         angles = (turn or 2 * math.pi) * np.arange(ANGLES) / ANGLES
@@ -36,5 +36,5 @@ def running_start(box: GreyBox, q: Array, experiment: Experiment, turn: float) -
         begun[CURRENT] = current
         return box.speed(q, experiment, False, begun)
 
-    start[CURRENT] = told_current(run, box.motor(q), experiment)
+    start[CURRENT] = told_current(run, motor, experiment)
     return start

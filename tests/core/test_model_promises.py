@@ -55,7 +55,10 @@ def test_a_record_is_the_model_bit_for_bit(kind):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_only_the_first_measurement_is_read(kind):
-    """Later speeds do not change a free run."""
+    """Later speeds do not change a free run of a machine that stood still.
+
+    Of one that was running they tell the current that nobody measured, and nothing else.
+    """
     e = experiment(2)
     other = replace(e, speed=np.where(np.arange(len(e)) == 0, e.speed, 1e3))
     assert bits(learned(kind).predict(e)) == bits(learned(kind).predict(other))
