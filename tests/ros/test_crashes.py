@@ -6,7 +6,6 @@ import contextlib
 import json
 import os
 import shutil
-import signal
 import threading
 from collections import Counter
 from dataclasses import replace
@@ -24,6 +23,7 @@ from disturbed import (
     RUN,
     complaints,
     differences,
+    end_at_once,
     finished,
     killed,
     nodes,
@@ -174,11 +174,7 @@ def test_a_whole_stack_that_was_killed_goes_on(ldt, undisturbed, tmp_path):
     """After the end of every process at once, `ldt up --resume` makes the run whole."""
     process = ldt("up", *RUN, "--bag", "run", "--rate", "75")
     wait_for(tmp_path / "run", 5)
-    os.killpg(process.pid, signal.SIGSTOP)  # none of them may notice the end of another
-    for node in nodes(process.pid).values():
-        node.kill()
-    process.kill()
-    process.communicate()
+    end_at_once(process)
     ended = recorded(tmp_path / "run")
     assert 5 <= ended < 40
     run = ran(tmp_path, "up", "--resume", "run", "--rate", "max")
@@ -203,11 +199,7 @@ def test_a_counter_that_began_anew_is_no_reason_to_lose_anything(ldt, tmp_path):
     wait_for(tmp_path / "run", 24)
     roles = ("twin", "detector", "adaptor", "recorder", "player")
     assert Counter(killed(process, 5, 0.2, 1, roles)) == Counter(roles)
-    os.killpg(process.pid, signal.SIGSTOP)
-    for node in nodes(process.pid).values():
-        node.kill()
-    process.kill()
-    process.communicate()
+    end_at_once(process)
     assert 24 <= recorded(tmp_path / "run") < 59
     ran(tmp_path, "up", "--resume", "run", "--rate", "max")  # refused before
     found = differences(tmp_path / "undisturbed", tmp_path / "run")
