@@ -79,10 +79,9 @@ def start_states_for(
             return residuals.starts
         return replace(residuals.starts, bases=tuple(map(basis_of, columns)))
     moving = residuals.physics.shakes(values)
-    return searched_start_states(
-        *(residuals, use, moving, turning or (shaken and moving), free, step, near, still, columns),
-        bent,
-    )
+    turning = turning or (shaken and moving)
+    about = residuals, use, moving, turning, free, step, near, still, columns, bent
+    return searched_start_states(*about)
 
 
 def _is_bent(residuals: SimulatedExperiments, use: Use) -> bool:
