@@ -248,13 +248,10 @@ class FreeRunResiduals:
 
     def changed(self, use: Use) -> Values | None:
         """The machine's parameters with these effects; None where they are impossible."""
-        values: Values = self.values
         try:
-            for effect, given in use:
-                values = effect.change_parameters(self.physics, values, given)
+            return self.physics.changed(self.values, use)
         except LdtError:
             return None
-        return values
 
     def differences(self, runs: Sequence[Simulated], step: float) -> Iterator[Array]:
         """(rows,) measured minus simulated of each, in noise deviations."""

@@ -277,7 +277,7 @@ class GreyBox:
         """What is simulated, and the effects that act."""
         q, experiment, rest, start = case
         machine, use = self.values(q)
-        changed = self._changed(machine, use)
+        changed = self.physics.changed(machine, use)
         seen = self.physics.behind_sensor(experiment.speed, experiment.period, use, machine)
         current = first_current(experiment)
         offset = np.zeros(CURRENT + 1) if start is None else start
@@ -293,14 +293,9 @@ class GreyBox:
         about = machine, experiment.voltage, experiment.period, first, use, tracked
         return FreeRun(*about, changed, self.work), use
 
-    def _changed(self, machine: Values, use: Use) -> Values:
-        for effect, given in use:
-            machine = effect.change_parameters(self.physics, machine, given)
-        return machine
-
     def motor(self, q: Array) -> Values:
         """The parameters of the motor, with what the effects make of them."""
-        return self.physics.folded(self._changed(*self.values(q)))
+        return self.physics.folded(self.physics.changed(*self.values(q)))
 
     def _shown(self, states: Array, experiment: Experiment, use: Use, machine: Values) -> Array:
         try:

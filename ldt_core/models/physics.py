@@ -12,7 +12,6 @@ from ldt_core.base.experiment import Experiment, Prediction
 from ldt_core.estimation.free_run_start import first_current, told_current
 from ldt_core.models.base import Model
 from ldt_core.physics.base import CURRENT
-from ldt_core.physics.parameter import Values
 
 
 class PhysicsModel(Model):
@@ -60,7 +59,8 @@ class PhysicsModel(Model):
         period, acting = experiment.period, self.effects
         first = self.physics.behind_sensor(experiment.speed, period, acting, self.values)[0]
         current = first_current(experiment)
-        state = self.physics.initial_state(self._changed(), float(first), current)
+        changed = self.physics.changed(self.values, acting)
+        state = self.physics.initial_state(changed, float(first), current)
         state[CURRENT] += beside
         states = self.physics.simulate(self.values, experiment.voltage, period, state, acting)
         return self.physics.measure(states, period, acting, self.values)
@@ -70,13 +70,8 @@ class PhysicsModel(Model):
     ) -> float:
         """See `free_run_start.told_current`: of this machine's motor; None takes `free_run`."""
         own = functools.partial(self.free_run, experiment)
-        return told_current(run or own, self.physics.folded(self._changed()), experiment)
-
-    def _changed(self) -> Values:
-        values: Values = self.values
-        for effect, given in self.effects:
-            values = effect.change_parameters(self.physics, values, given)
-        return values
+        motor = self.physics.folded(self.physics.changed(self.values, self.effects))
+        return told_current(run or own, motor, experiment)
 
     def fit(self, experiments: Sequence[Experiment]) -> Self:
         """Refused with an LdtError: this model stays what the machine file says."""

@@ -69,10 +69,10 @@ class RemainderModel(Model):
         if learned is None:
             return Prediction(*about, self.base.predict(experiment).speed)
         known = self.base.known_effects(experiment)
-        run = self._drive(experiment, known)
+        guess = self._drive(experiment, known)
 
         def begun(more: float) -> MotorRun:
-            return run._replace(current=run.current + more)
+            return guess._replace(current=guess.current + more)
 
         def speed_from(more: float) -> Array:
             return free_run(learned.shape, learned.weights, begun(more))[0] + known

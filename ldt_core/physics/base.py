@@ -108,6 +108,16 @@ class Physics(abc.ABC):
         """Whether the machine moves its foundation, or its speed depends on the angle by itself."""
         return not self.is_linear(values)
 
+    def changed(self, values: Values, effects: Effects) -> Values:
+        """The parameters with what these effects change of them.
+
+        Raises:
+            LdtError: no machine can have what comes out.
+        """
+        for effect, given in effects:
+            values = effect.change_parameters(self, values, given)
+        return values
+
     def folded(self, values: Values) -> Values:
         """The parameters with the machine's known effects on them, see `known_effects`."""
         return values

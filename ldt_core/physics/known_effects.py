@@ -165,9 +165,7 @@ class PhysicsWithEffects(Physics):
         return [(effect, own) for effect, own in known if effect.name not in names]
 
     def _changed(self, values: Values) -> Values:
-        for effect, given in self._acting(values):
-            values = effect.change_parameters(self, values, given)
-        return values
+        return self.changed(values, self._acting(values))
 
 
 def changed_numbers(physics: Physics, values: Values, open_ones: Set[str]) -> set[str]:

@@ -132,9 +132,9 @@ class MotorDriven(Physics):
         volts = np.ascontiguousarray(run.voltage, dtype=np.float64)
         tracked = np.ascontiguousarray(run.tracked[0], dtype=np.float64), run.tracked[1]
         state = np.ascontiguousarray(run.initial, dtype=np.float64)
-        values = run.values if run.changed is None else run.changed
-        for effect, given in run.effects if run.changed is None else ():
-            values = effect.change_parameters(self, values, given)
+        values = run.changed
+        if values is None:
+            values = self.changed(run.values, run.effects)
         times = sample_times(volts.size, run.period)
         switches = times, volts
         if any(effect.on_voltage is not None for effect, _ in run.effects):

@@ -90,8 +90,7 @@ class Simulator(Physics):
         volts = np.asarray(voltage, dtype=np.float64)
         times = sample_times(volts.size, period)
         state = np.array(initial, dtype=np.float64)
-        for effect, given in effects:
-            values = effect.change_parameters(self, values, given)
+        values = self.changed(values, effects)
         at, levels = self.switches(values, times, volts, state, effects)
         given, values = values, {**values}
         acting = _Acting(values, effects, len(self.states), state)
